@@ -1,0 +1,1 @@
+"""Partially scanned interferograms and what is retrieved from them."""

@@ -1,0 +1,1 @@
+"""Compiled loops on plain arrays in SI units: no I/O, no classes."""

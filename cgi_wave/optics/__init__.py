@@ -1,0 +1,1 @@
+"""The instrument as data: file, glass, coatings, resolved surfaces."""

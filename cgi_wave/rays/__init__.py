@@ -1,0 +1,1 @@
+"""Ghost paths, traced beams and the samples of their pupil fields."""

@@ -1,0 +1,1 @@
+"""Spectra, filters and radiance."""

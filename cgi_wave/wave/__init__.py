@@ -1,0 +1,1 @@
+"""Pupil fields, overlap contrast and point-spread functions."""
