@@ -1,0 +1,100 @@
+"""The page that a person opens: ``index.html`` beside the pictures, with nothing fetched from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the ghost table: key of the row, heading with the unit shown, factor from SI, format."""
+
+    key: str
+    heading: str
+    scale: float = 1
+    form: str = ".3g"
+
+    def text(self, row: Mapping[str, Any]) -> str:
+        """The cell as shown; a dash where the quantity was not computed."""
+        value = row[self.key]
+        if value is None:
+            return "–"
+        return value if isinstance(value, str) else format(value * self.scale, self.form)
+
+    def key_for_sorting(self, row: Mapping[str, Any]) -> str:
+        """What the page sorts by: the full number, or the text."""
+        value = row[self.key]
+        return "" if value is None else str(value)
+
+    @property
+    def kind(self) -> str:
+        """CSS class and way of sorting."""
+        return "text" if self.form == "s" else "number"
+
+
+GHOST_COLUMNS = (
+    Column("path", "path", form="s"),
+    Column("order", "order", form="d"),
+    Column("transmission", "power / 10⁻⁶ of input", 1e6),
+    Column("rms_x_m", "RMS x / µm", 1e6),
+    Column("rms_y_m", "RMS y / µm", 1e6),
+    Column("contrast_eq4", "contrast, Eq. 4"),
+    Column("contrast", "contrast |γ|"),
+    Column("contrast_error", "error bound of |γ|", form=".1e"),
+    Column("method", "method", form="s"),
+    Column("opd_m", "OPD / mm", 1e3, ".6g"),
+    Column("fringes", "fringes in zone"),
+)
+
+
+def mean_spread(value: Mapping[str, float] | None) -> str:
+    """``mean ± spread`` with the decimals that the spread supports; a dash for None."""
+    if value is None:
+        return "–"
+    mean, spread = value["mean"], value["spread"]
+    size = max(abs(mean), abs(spread))
+    if size == 0.0:
+        return "0"
+    if size < 1e-3:
+        return f"{mean:.2e} ± {spread:.1e}"
+    return f"{mean:.5f} ± {spread:.5f}"
+
+
+def render(document: Mapping[str, Any]) -> str:
+    """The whole page as one string of HTML.
+
+    document
+        ``title``; ``lead``, one sentence; ``provenance``, a (nested) dict; ``files``, names of the tables beside the
+        page; ``pictures``, a list of {``file``, ``caption``} for the instrument as a whole; ``bands``, a list of dicts:
+
+        * ``name``, ``about`` (one sentence)
+        * ``table1``: list of {``quantity``, ``coherent``, ``paper_rule``, ``printed``, ``why``}, the three middle ones
+          {``mean``, ``spread``} over the field points, or None
+        * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``
+        * ``pictures``: list of {``file``, ``caption``}
+        * ``plan``: text shown as it stands, or ""
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("cgi_wave.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["mean_spread"] = mean_spread
+    return environment.get_template("index.html").render(
+        columns=GHOST_COLUMNS, facts=list(_flat(document["provenance"])), **document
+    )
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> Sequence[tuple[str, str]]:
+    """Leaves of a nested dict as (dotted name, text)."""
+    leaves: list[tuple[str, str]] = []
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        leaves += _flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, str(value))]
+    return leaves

@@ -1,0 +1,140 @@
+"""The page shows every number it is given, escapes what comes from files, and fetches nothing."""
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import jinja2
+import pytest
+
+from cgi_wave.report import page
+
+GHOST = {
+    "path": "detector > filter.front <b> & detector",
+    "order": 1,
+    "transmission": 2.5e-3,
+    "rms_x_m": 1.5e-4,
+    "rms_y_m": 2.5e-4,
+    "contrast_eq4": 0.05,
+    "contrast": 0.0123,
+    "contrast_error": 1e-6,
+    "method": "panels",
+    "opd_m": 1.33e-3,
+    "fringes": 10.0,
+}
+DOCUMENT = {
+    "title": "Ghosts of <instrument>",
+    "lead": "One sentence.",
+    "provenance": {"version": "0.1.0", "libraries": {"numpy": "2"}},
+    "files": ["summary.json", "NIR-ghosts.csv"],
+    "pictures": [{"file": "layout.png", "caption": "Layout", "wide": True}],
+    "bands": [
+        {
+            "name": "NIR",
+            "about": "764 nm.",
+            "table1": [
+                {
+                    "quantity": "O/B",
+                    "coherent": {"mean": 0.0123, "spread": 0.0004},
+                    "paper_rule": {"mean": 0.0456, "spread": 0.0},
+                    "printed": None,
+                    "why": "Coherence & <sums>.",
+                }
+            ],
+            "ghosts": [GHOST, GHOST | {"path": "L1", "contrast": None, "contrast_error": None}],
+            "pictures": [{"file": "NIR-psi.png", "caption": "PSI", "wide": False}],
+            "plan": "kept 1 < 2",
+        }
+    ],
+}
+
+
+class Reader(HTMLParser):
+    """Open tags, links and cells of a page; raises when tags do not nest."""
+
+    VOID = frozenset({"meta", "link", "img", "br"})
+
+    def __init__(self):
+        super().__init__()
+        self.stack, self.links, self.cells, self.keys, self.ids = [], [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.links += [attrs[name] for name in ("src", "href") if name in attrs]
+        self.ids += [attrs["id"]] if "id" in attrs else []
+        if tag not in self.VOID:
+            self.stack.append(tag)
+        if tag in ("td", "th"):
+            self.cells.append("")
+            self.keys.append(attrs.get("data-key"))
+
+    def handle_endtag(self, tag):
+        assert self.stack.pop() == tag
+
+    def handle_data(self, data):
+        if {"td", "th"} & set(self.stack):
+            self.cells[-1] += data
+
+
+@pytest.fixture(scope="module")
+def html():
+    return page.render(DOCUMENT)
+
+
+@pytest.fixture(scope="module")
+def read(html):
+    reader = Reader()
+    reader.feed(html)
+    assert reader.stack == []
+    return reader
+
+
+def test_numbers_are_shown_in_the_unit_of_the_heading(read):
+    cells = dict(zip(read.cells[-33:-22], read.cells[-22:-11], strict=True))
+    assert cells["path"] == GHOST["path"]
+    assert cells["power / 10⁻⁶ of input"] == "2.5e+03"
+    assert (cells["RMS x / µm"], cells["RMS y / µm"], cells["OPD / mm"]) == ("150", "250", "1.33")
+    assert cells["contrast |γ|"] == "0.0123"
+
+
+def test_what_was_not_computed_is_a_dash_with_no_key(read):
+    column = [column.key for column in page.GHOST_COLUMNS].index("contrast")
+    assert (read.cells[-11:][column], read.keys[-11:][column]) == ("–", "")
+    assert read.keys[-22:-11][column] == "0.0123"
+
+
+def test_table1_shows_three_book_keepings_and_the_reason(read):
+    row = read.cells.index("O/B")
+    assert read.cells[row : row + 5] == ["O/B", "0.01230 ± 0.00040", "0.04560 ± 0.00000", "–", "Coherence & <sums>."]
+
+
+def test_links_are_to_files_beside_the_page_or_places_on_it(html, read):
+    for link in read.links:
+        assert link == "data:," or link[1:] in read.ids or re.fullmatch(r"[\w.-]+", link), link
+    assert "http" not in html and "@import" not in html and "url(" not in html
+
+
+def test_words_from_files_are_escaped(html):
+    assert "<title>Ghosts of &lt;instrument&gt;</title>" in html
+    assert "kept 1 &lt; 2" in html
+
+
+def test_a_missing_part_is_an_error_not_a_gap():
+    with pytest.raises(jinja2.UndefinedError):
+        page.render({key: value for key, value in DOCUMENT.items() if key != "files"})
+
+
+@pytest.mark.parametrize(
+    ("mean", "spread", "text"),
+    [(0.0, 0.0, "0"), (3e-4, 5e-4, "3.00e-04 ± 5.0e-04"), (-0.0071, 0.001, "-0.00710 ± 0.00100")],
+)
+def test_mean_and_spread(mean, spread, text):
+    assert page.mean_spread({"mean": mean, "spread": spread}) == text
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no JavaScript engine here")
+def test_the_script_is_valid_javascript(html, tmp_path):
+    script = tmp_path / "page.js"
+    script.write_text(re.search(r"<script>(.*)</script>", html, re.DOTALL)[1])
+    subprocess.run(["node", "--check", str(script)], check=True)
