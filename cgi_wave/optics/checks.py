@@ -1,0 +1,127 @@
+"""What the schema's types cannot say: references that lead nowhere, values that make no instrument."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from cgi_wave.errors import InputError
+from cgi_wave.optics.schema import InstrumentSpec, SurfaceSpec
+
+if TYPE_CHECKING:
+    from cgi_wave.optics.system import Surface
+
+#: Two faces of one element may touch at the rim, but not cross by more than this (m).
+CROSSING = 1e-6
+
+
+def check_document(document: InstrumentSpec, file: str) -> None:
+    """Refuse an instrument whose parts do not refer to each other, or whose values are out of range (InputError)."""
+
+    def refuse(field: str, value: object, problem: str, remedy: str) -> NoReturn:
+        raise InputError(file, field, value, problem, remedy)
+
+    seen: set[str] = set()
+    for frame in document.frame:
+        where = f"frame.{frame.name}"
+        if frame.attach and frame.attach not in seen:
+            refuse(f"{where}.attach", frame.attach, "names no surface that stands earlier", "attach to an earlier surface")
+        if frame.before and frame.before not in document.space:
+            refuse(f"{where}.before", frame.before, "is an unknown space", f"declare it in [space]: {', '.join(document.space)}")
+        if not frame.surface:
+            refuse(f"{where}.surface", [], "is empty", "list at least one surface")
+        for spec in frame.surface:
+            if spec.name in seen:
+                refuse(f"{where}.surface", spec.name, "is used twice", "give every surface its own name")
+            seen.add(spec.name)
+            _check_surface(document, spec, f"{where}.surface.{spec.name}", refuse)
+    for name, coating in document.coating.items():
+        total = coating.reflectance + coating.transmittance
+        if min(coating.reflectance, coating.transmittance) < 0 or total > 1 + 1e-12:
+            refuse(f"coating.{name}", total, "is not 0 ≤ R, T and R + T ≤ 1", "mend reflectance or transmittance")
+    if document.detector.surface not in seen:
+        refuse("detector.surface", document.detector.surface, "is no surface", "name the recording surface")
+    if document.entrance.space not in document.space:
+        refuse("entrance.space", document.entrance.space, "is an unknown space", "declare it in [space]")
+    if document.entrance.radius_mm <= 0:
+        refuse("entrance.radius_mm", document.entrance.radius_mm, "is not positive", "give the pupil's radius")
+    _check_interferometer(document, seen, refuse)
+    _check_bands(document, refuse)
+
+
+def _check_surface(document: InstrumentSpec, spec: SurfaceSpec, where: str, refuse) -> None:  # type: ignore[no-untyped-def]
+    if spec.after and spec.after not in document.space:
+        refuse(f"{where}.after", spec.after, "is an unknown space", f"declare it in [space]: {', '.join(document.space)}")
+    if spec.coating not in document.coating:
+        refuse(f"{where}.coating", spec.coating, "is an unknown coating", f"declare it: {', '.join(document.coating)}")
+    if spec.shape != "plane" and not spec.radius_mm:
+        refuse(f"{where}.radius_mm", spec.radius_mm, f"a {spec.shape} needs a radius other than 0", "give radius_mm")
+    if spec.shape == "plane" and spec.radius_mm is not None:
+        refuse(f"{where}.radius_mm", spec.radius_mm, "a plane has no radius", 'remove it, or write shape = "sphere"')
+    if spec.thickness_mm < 0:
+        refuse(f"{where}.thickness_mm", spec.thickness_mm, "is negative: surfaces out of order",
+               "list the surfaces along z; light that turns back needs a frame of its own")  # fmt: skip
+    ap = spec.aperture
+    sizes = [ap.radius_mm] if ap.radius_mm is not None else list(ap.half_width_mm or [])
+    if (ap.radius_mm is None) == (ap.half_width_mm is None) or min(sizes, default=0.0) <= 0:
+        refuse(f"{where}.aperture", sizes, "is neither a circle nor a rectangle", "give radius_mm or half_width_mm, positive")
+    if spec.radius_mm and spec.shape != "plane":
+        # Beyond this height the conic has no sag: a sphere cannot reach its aperture.
+        x, y = (sizes * 2)[:2]
+        reach = max(np.hypot(abs(ap.centre_mm[0]) + (0 if ap.radius_mm else x), abs(ap.centre_mm[1]) + (0 if ap.radius_mm else y)),
+                    np.hypot(*ap.centre_mm) + (ap.radius_mm or 0.0))  # fmt: skip
+        if (1 + spec.conic) * (reach / spec.radius_mm) ** 2 >= 1:
+            refuse(f"{where}.aperture", reach, f"reaches beyond the surface of radius {spec.radius_mm} mm", "reduce it")
+
+
+def _check_interferometer(document: InstrumentSpec, seen: set[str], refuse) -> None:  # type: ignore[no-untyped-def]
+    if document.interferometer is None:
+        if any(spec.nominal == "both" for frame in document.frame for spec in frame.surface):
+            refuse("interferometer", None, "is missing although a surface splits", "declare splitter, arm1 and arm2")
+        return
+    inter = document.interferometer
+    if inter.splitter not in seen:
+        refuse("interferometer.splitter", inter.splitter, "is no surface", "name the splitting surface")
+    for name, arm in (("arm1", inter.arm1), ("arm2", inter.arm2)):
+        if not arm.surfaces:
+            refuse(f"interferometer.{name}.surfaces", [], "an arm is missing", "list its surfaces, the mirror last")
+        for surface in (*arm.surfaces, *arm.sloped):
+            if surface not in seen:
+                refuse(f"interferometer.{name}", surface, "is no surface", "list surfaces of the file")
+
+
+def _check_bands(document: InstrumentSpec, refuse) -> None:  # type: ignore[no-untyped-def]
+    if not document.band:
+        refuse("band", {}, "is empty", "declare at least one band")
+    for name, band in document.band.items():
+        r0, r1 = band.zone_rows
+        if not 0 <= r0 < r1 <= document.detector.rows:
+            refuse(f"band.{name}.zone_rows", band.zone_rows, "is no zone of the detector", f"stay in 0 to {document.detector.rows}")
+        if not band.wavelengths_nm or min(band.wavelengths_nm) <= 0:
+            refuse(f"band.{name}.wavelengths_nm", band.wavelengths_nm, "are not positive", "give vacuum wavelengths in nm")
+        if band.filter.fwhm_nm <= 0 or band.filter.centre_nm <= 0:
+            refuse(f"band.{name}.filter", band.filter.fwhm_nm, "is no filter", "give positive centre_nm and fwhm_nm")
+        low, high = min(band.wavelengths_nm), max(band.wavelengths_nm)
+        if not low - 1e-9 <= band.filter.centre_nm <= high + 1e-9:
+            refuse(f"band.{name}.filter.centre_nm", band.filter.centre_nm, f"lies outside the band's spectrum {low} to {high} nm",
+                   "move the filter or extend wavelengths_nm")  # fmt: skip
+
+
+def check_geometry(document: InstrumentSpec, surfaces: tuple[Surface, ...], file: str) -> None:
+    """Refuse neighbouring faces of one frame that cross inside the smaller of their apertures (InputError)."""
+    by_name = {surface.name: surface for surface in surfaces}
+    angle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    for frame in document.frame:
+        for first, second in zip(frame.surface[:-1], frame.surface[1:], strict=True):
+            a, b = by_name[first.name], by_name[second.name]
+            radius = min(a.aperture[1], b.aperture[1], a.aperture[2], b.aperture[2])
+            x = np.concatenate([radius * np.cos(angle), [0.0]])
+            y = np.concatenate([radius * np.sin(angle), [0.0]])
+            point_a = a.origin + np.stack([x, y, a.sag(x, y)], axis=1) @ a.rotation
+            local_b = (point_a - b.origin) @ b.rotation.T
+            gap = b.sag(local_b[:, 0], local_b[:, 1]) - local_b[:, 2]
+            if gap.min() < -CROSSING:
+                raise InputError(file, f"frame.{frame.name}.surface.{first.name}.thickness_mm", first.thickness_mm,
+                                 f"crosses {second.name} by {-gap.min() * 1e3:.3f} mm inside the aperture",
+                                 "increase the thickness or reduce the apertures")  # fmt: skip

@@ -1,0 +1,247 @@
+"""An instrument resolved for one band: surfaces with world poses, spaces with glasses, field points. SI units."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.errors import InputError
+from cgi_wave.optics import glass
+from cgi_wave.optics.checks import check_document, check_geometry
+from cgi_wave.optics.schema import BandSpec, CoatingSpec, FrameSpec, InstrumentSpec, Nominal, SurfaceSpec, convert, read_document
+
+REFERENCE = Path(__file__).parent.parent / "data" / "reference.toml"
+MM, UM, NM = 1e-3, 1e-6, 1e-9
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One surface in the world.
+
+    rotation (3, 3): rows are the local axes in world axes; origin (3,): vertex, m; curvature 1/m;
+    aperture (5,): kind (1 circle, 2 rectangle), half width x, y, centre x, y in m; before, after: indices of the spaces
+    on the local −z and +z side, −1 for nothing.
+    """
+
+    name: str
+    nominal: Nominal
+    curvature: float
+    conic: float
+    rotation: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    aperture: NDArray[np.float64]
+    coating: CoatingSpec
+    before: int
+    after: int
+
+    def sag(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height z of the surface over local (x, y), m."""
+        r2 = x * x + y * y
+        root = np.sqrt(np.maximum(1.0 - (1.0 + self.conic) * self.curvature**2 * r2, 0.0))
+        return self.curvature * r2 / (1.0 + root)
+
+
+@dataclass(frozen=True)
+class OpticalSystem:
+    """What the tracer needs to know of one band of one instrument."""
+
+    instrument: str
+    band: str
+    file: str
+    surfaces: tuple[Surface, ...]
+    spaces: tuple[str, ...]
+    glasses: tuple[str | float, ...]
+    spec: BandSpec
+    document: InstrumentSpec
+
+    @cached_property
+    def number(self) -> dict[str, int]:
+        """Surface name → index."""
+        return {surface.name: i for i, surface in enumerate(self.surfaces)}
+
+    @property
+    def detector(self) -> int:
+        """Index of the recording surface."""
+        return self.number[self.document.detector.surface]
+
+    @property
+    def pixel(self) -> float:
+        """Pixel pitch, m."""
+        return self.document.detector.pixel_um * UM
+
+    @property
+    def sigma0(self) -> float:
+        """Wavenumber at the filter's centre, 1/m."""
+        return 1.0 / (self.spec.filter.centre_nm * NM)
+
+    @property
+    def pupil_radius(self) -> float:
+        """Radius of the entrance pupil, m."""
+        return self.document.entrance.radius_mm * MM
+
+    def index(self, sigma: float) -> NDArray[np.float64]:
+        """Refractive index of each space at wavenumber sigma (1/m)."""
+        return glass.indices(list(self.glasses), sigma, self.file)
+
+    def zone(self) -> tuple[float, float, float, float]:
+        """The band's zone on the detector: x_min, x_max, y_min, y_max in m (pixel edges)."""
+        det = self.document.detector
+        c0, c1 = self.spec.zone_columns or (0, det.columns)
+        r0, r1 = self.spec.zone_rows
+        return tuple(  # type: ignore[return-value]
+            (edge - 0.5 * size) * self.pixel for edge, size in ((c0, det.columns), (c1, det.columns), (r0, det.rows), (r1, det.rows))
+        )
+
+    def field_points(self) -> NDArray[np.float64]:
+        """Five detector points: the zone's centre and (±f, ±f) of its half sizes; (5, 2) in m."""
+        x0, x1, y0, y1 = self.zone()
+        f = self.spec.field_fraction
+        offsets = np.array([(0, 0), (-f, -f), (f, -f), (-f, f), (f, f)], dtype=float)
+        return np.array([(x0 + x1) / 2, (y0 + y1) / 2]) + offsets * np.array([(x1 - x0) / 2, (y1 - y0) / 2])
+
+    def pupil_frame(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Entrance pupil: rotation (rows are its axes in the world) and centre (m)."""
+        entrance = self.document.entrance
+        return rotation(entrance.rotate_deg).T, np.array(entrance.at_mm) * MM
+
+
+def rotation(angles_deg: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Rotation matrix Rx·Ry·Rz (columns are the new axes in the old ones) of intrinsic angles in degrees."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians(angles_deg)), np.sin(np.radians(angles_deg))
+    rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return rx @ ry @ rz
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """A checked instrument file. ``band(name)`` resolves it."""
+
+    file: str
+    document: InstrumentSpec
+    raw: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        """The instrument's own name."""
+        return self.document.name
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Band names in file order."""
+        return tuple(self.document.band)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of the file's content (not of its spelling): first 16 hexadecimal digits."""
+        return hashlib.sha256(json.dumps(self.raw, sort_keys=True).encode()).hexdigest()[:16]
+
+    def with_values(self, values: dict[str, float | list[float]], band: str | None = None) -> Instrument:
+        """A new instrument with dotted fields replaced ("surface.field", "frame.field"), in one band or everywhere."""
+        raw = copy.deepcopy(self.raw)
+        if band is None:
+            _apply(raw, values, self.file)
+        else:
+            raw["band"][band].setdefault("set", {}).update(values)
+        return from_document(raw, self.file)
+
+    def band(self, name: str) -> OpticalSystem:
+        """Resolve one band. Raises InputError for an unknown band or values that make no instrument."""
+        if name not in self.document.band:
+            raise InputError(self.file, "band", name, "is not in the file", f"choose from {', '.join(self.bands)}")
+        raw = copy.deepcopy(self.raw)
+        _apply(raw, self.document.band[name].set, self.file, f"band.{name}.set")
+        document = convert(raw, self.file)
+        names = list(document.space)
+        surfaces = tuple(_place(document, names))
+        check_geometry(document, surfaces, self.file)
+        pages = tuple(_glass_page(document, space, self.file) for space in names)
+        return OpticalSystem(self.name, name, self.file, surfaces, tuple(names), pages, document.band[name], document)
+
+
+def load_instrument(path: str | Path | None = None) -> Instrument:
+    """Read and check an instrument file (the reference instrument if ``path`` is None). Raises InputError."""
+    file = Path(path) if path is not None else REFERENCE
+    return from_document(read_document(file), str(file))
+
+
+def from_document(raw: dict[str, Any], file: str = "(document)") -> Instrument:
+    """Check plain data (as parsed from TOML) and make an instrument of it. Raises InputError."""
+    document = convert(raw, file)
+    check_document(document, file)
+    instrument = Instrument(file, document, raw)
+    for band in instrument.bands:
+        system = instrument.band(band)
+        for nm in system.spec.wavelengths_nm:
+            system.index(1.0 / (nm * NM))
+    return instrument
+
+
+def _glass_page(document: InstrumentSpec, space: str, file: str) -> str | float:
+    name = document.space[space]
+    if name == "air":
+        return 1.0
+    if name not in document.glass:
+        raise InputError(file, f"space.{space}", name, "is an unknown glass", f"declare it in [glass]; there are: {', '.join(document.glass)}")
+    return document.glass[name]
+
+
+def _apply(raw: dict[str, Any], values: dict[str, float | list[float]], file: str, where: str = "set") -> None:
+    """Write dotted values into plain data, in place."""
+    targets: dict[str, dict[str, Any]] = {}
+    for frame in raw["frame"]:
+        targets[frame["name"]] = frame
+        for surface in frame["surface"]:
+            targets[surface["name"]] = surface
+    for dotted, value in values.items():
+        name, _, field = dotted.partition(".")
+        if name not in targets or field not in (*SurfaceSpec.__struct_fields__, *FrameSpec.__struct_fields__):
+            raise InputError(file, f"{where}.{dotted}", value, "names no surface or frame, or no field of one", "write surface.field")
+        targets[name][field] = list(value) if isinstance(value, list | tuple) else value
+
+
+def _place(document: InstrumentSpec, spaces: list[str]) -> list[Surface]:
+    """Give every surface its pose in the world; frames attach to surfaces that stand earlier in the file."""
+    frames: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    placed: list[Surface] = []
+    number = {space: i for i, space in enumerate(spaces)} | {"": -1}
+    for frame in document.frame:
+        axes, origin = frames[frame.attach] if frame.attach else (np.eye(3), np.zeros(3))
+        origin = origin + axes @ (np.array(frame.shift_mm) * MM)
+        axes = axes @ rotation(frame.rotate_deg)
+        z, before = frame.start_mm * MM, frame.before
+        for spec in frame.surface:
+            vertex = origin + axes @ np.array([spec.decentre_mm[0] * MM, spec.decentre_mm[1] * MM, z])
+            local = axes @ rotation(spec.tilt_deg)
+            curvature = 1.0 / (spec.radius_mm * MM) if spec.radius_mm else 0.0
+            placed.append(
+                Surface(spec.name, spec.nominal, curvature, spec.conic if spec.shape == "conic" else 0.0, local.T.copy(), vertex,
+                        _aperture(spec), document.coating[spec.coating], number[before], number[spec.after])
+            )  # fmt: skip
+            frames[spec.name] = (axes, origin + axes @ np.array([0.0, 0.0, z]))
+            z, before = z + spec.thickness_mm * MM, spec.after
+    return placed
+
+
+def _aperture(spec: SurfaceSpec) -> NDArray[np.float64]:
+    ap = spec.aperture
+    cx, cy = ap.centre_mm[0] * MM, ap.centre_mm[1] * MM
+    if ap.radius_mm is not None:
+        return np.array([1.0, ap.radius_mm * MM, ap.radius_mm * MM, cx, cy])
+    assert ap.half_width_mm is not None  # check_document refuses an aperture with neither
+    return np.array([2.0, ap.half_width_mm[0] * MM, ap.half_width_mm[1] * MM, cx, cy])
+
+
+def describe(instrument: Instrument) -> dict[str, Any]:
+    """The instrument's document as plain data (for provenance and for writing it back)."""
+    return msgspec.to_builtins(instrument.document)  # type: ignore[no-any-return]

@@ -1,0 +1,170 @@
+"""Ghost paths: ordered lists of surface names with an interaction each, found from the instrument's geometry."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
+from cgi_wave.kernels.trace import REFLECT, REFRACT, search_paths
+from cgi_wave.optics.system import OpticalSystem
+
+Interaction = Literal["transmit", "reflect"]
+Step = tuple[str, Interaction]
+
+MAX_DEPTH = 160
+MAX_PATHS = 20000
+
+
+@dataclass(frozen=True)
+class Path:
+    """A path from the entrance to the detector; the detector's arrival is not a step.
+
+    order: parasitic reflections; splits: interactions beyond the nominal ones (level of ancestry; the splitter's own
+    add none); arms: which interferometer arms are passed, in order; history: the parasitic interactions (paths that
+    share it and differ in arms form a family); twin: number among paths of equal history and arms (a plate's face met
+    from inside on the way in, or between mirror and plate on the way out).
+    """
+
+    steps: tuple[Step, ...]
+    order: int
+    splits: int
+    arms: tuple[int, ...]
+    history: tuple[Step, ...]
+    twin: int = 1
+
+    def __str__(self) -> str:
+        return " ".join(f"{name}:r" if act == "reflect" else name for name, act in self.steps)
+
+    @property
+    def label(self) -> str:
+        """Short name: parasitic interactions and arms, e.g. ``detector:r arms 1-2`` (unique within a band)."""
+        history = " ".join(f"{name}:{act[0]}" for name, act in self.history) or "nominal"
+        arms = f" arms {'-'.join(map(str, self.arms))}" if self.arms else ""
+        return history + arms + (f" #{self.twin}" if self.twin > 1 else "")
+
+
+def make_path(system: OpticalSystem, steps: Iterable[Step]) -> Path:
+    """Classify a list of steps. Raises InputError if a name is unknown."""
+    steps = tuple(steps)
+    history: list[Step] = []
+    order = 0
+    for name, act in steps:
+        if name not in system.number:
+            raise InputError("path", name, name, "is no surface of the instrument", f"use {', '.join(system.number)}")
+        nominal = system.surfaces[system.number[name]].nominal
+        if nominal != "both" and nominal != act:
+            history.append((name, act))
+            order += act == "reflect"
+    arms: list[int] = []
+    inter = system.document.interferometer
+    if inter is not None:
+        ends = {inter.arm1.surfaces[0]: 1, inter.arm2.surfaces[0]: 2}
+        # The outermost face of an arm is met going in and coming out (or reflects): count entries only.
+        inside = False
+        for name, act in steps:
+            if name in ends:
+                if not inside:
+                    arms.append(ends[name])
+                inside = (not inside) if act == "transmit" else inside
+    return Path(steps, order, len(history), tuple(arms), tuple(history))
+
+
+def parse_path(system: OpticalSystem, text: str) -> Path:
+    """The inverse of ``str(path)``."""
+    steps: list[Step] = []
+    for token in text.split():
+        name, _, act = token.partition(":")
+        if act not in ("", "r", "t"):
+            raise InputError("path", token, act, "is no interaction", 'write "name" to transmit, "name:r" to reflect')
+        steps.append((name, "reflect" if act == "r" else "transmit"))
+    return make_path(system, steps)
+
+
+def probe_rays(system: OpticalSystem, count: int, seed: int = 1) -> NDArray[np.float64]:
+    """World rays (6, count) that fill pupil and field evenly (Sobol points), moved back to where light comes from."""
+    entrance = system.document.entrance
+    points = qmc.Sobol(4, seed=seed).random(count)
+    radius, angle = system.pupil_radius * np.sqrt(points[:, 0]), 2 * np.pi * points[:, 1]
+    field = np.sin(np.radians(entrance.half_field_deg)) * (2 * points[:, 2:] - 1)
+    d = np.stack([field[:, 0], field[:, 1], np.sqrt(1 - (field**2).sum(axis=1))], axis=1)
+    start = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)], axis=1) - d * entrance.back_off_mm * 1e-3
+    axes, origin = system.pupil_frame()
+    return np.ascontiguousarray(np.concatenate([start @ axes + origin, d @ axes], axis=1).T)
+
+
+def find_paths(
+    system: OpticalSystem,
+    max_order: int = 2,
+    max_splits: int = 3,
+    min_power: float = 1e-9,
+    probes: int = 512,
+) -> tuple[Path, ...]:
+    """Every path that reaches the detector: nominal ones first (arm 1, arm 2), then by order and falling power.
+
+    min_power: coating power, relative to the nominal beams together, below which a branch is not followed. The
+    default keeps whatever could reach 1e-4 of the modulation in amplitude. A path is found if one of ``probes`` rays
+    (even over pupil and field) reaches the detector on it.
+
+    Raises EmptyBeamError if no nominal path exists, MethodLimitError if the search overflows.
+    """
+    surfaces = system.surfaces
+    members, start = _bounds(system)
+    nominal = [s.nominal for s in surfaces]
+    extra_t = np.array([int(k in ("reflect", "absorb")) for k in nominal])
+    extra_r = np.array([int(k in ("transmit", "absorb")) for k in nominal])
+    sigma = system.sigma0
+    index = system.index(sigma)
+    power_t = np.array([1.0 if s.coating.bare else s.coating.transmittance for s in surfaces])
+    power_r = np.array([_bare_reflectance(s, index) if s.coating.bare else s.coating.reflectance for s in surfaces])
+
+    def search(order: int, splits: int, least: float):  # type: ignore[no-untyped-def]
+        return search_paths(
+            probe_rays(system, probes), system.spaces.index(system.document.entrance.space),
+            np.array([s.rotation for s in surfaces]), np.array([s.origin for s in surfaces]),
+            np.array([s.curvature for s in surfaces]), np.array([s.conic for s in surfaces]),
+            np.array([s.aperture for s in surfaces]), np.array([[s.before, s.after] for s in surfaces]),
+            start, members, index, power_t, power_r, extra_t, extra_r, np.zeros_like(extra_t), extra_r,
+            system.detector, order, splits, least, MAX_DEPTH, MAX_PATHS,
+        )  # fmt: skip
+
+    first = search(0, 0, 1e-12)
+    if len(first[0]) == 0:
+        raise EmptyBeamError(f"{system.file}: band {system.band}: no nominal path reaches the detector")
+    input_power = float(np.sum(first[3]))
+    paths, lengths, counts, powers, orders, splits, _, overflow = search(max_order, max_splits, min_power * input_power)
+    if overflow:
+        raise MethodLimitError("path search", f"{MAX_PATHS} paths or {MAX_DEPTH} surfaces", 1.0, "raise min_power or lower max_order")
+    found: list[tuple[tuple[float, ...], Path]] = []
+    for row, length, count, power in zip(paths, lengths, counts, powers, strict=True):
+        steps: list[Step] = [(surfaces[s // 2].name, "reflect" if s % 2 == REFLECT else "transmit") for s in row[:length]]
+        path = make_path(system, steps)
+        key = (path.order, *path.arms) if path.order == 0 else (path.order, -power * count)
+        found.append((key, path))
+    ordered = [path for _, path in sorted(found, key=lambda item: (item[0], str(item[1])))]
+    seen: Counter[str] = Counter()
+    for k, path in enumerate(ordered):
+        seen[path.label] += 1
+        ordered[k] = replace(path, twin=seen[path.label])
+    return tuple(ordered)
+
+
+def _bounds(system: OpticalSystem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Surfaces that bound each space, as compressed rows (members, start)."""
+    rows = [[i for i, s in enumerate(system.surfaces) if space in (s.before, s.after)] for space in range(len(system.spaces))]
+    start = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64)
+    return np.array([i for row in rows for i in row], dtype=np.int64), start
+
+
+def _bare_reflectance(surface, index: NDArray[np.float64]) -> float:  # type: ignore[no-untyped-def]
+    n1, n2 = index[surface.before], index[surface.after]
+    return float(((n1 - n2) / (n1 + n2)) ** 2)
+
+
+assert (REFRACT, REFLECT) == (0, 1)  # the search returns 2·surface + interaction
