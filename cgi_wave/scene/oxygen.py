@@ -22,8 +22,8 @@ _B, _D, _H = 43100.44276 * _MHZ, 145.1271e-3 * _MHZ, 49e-9 * _MHZ
 _LAMBDA, _LAMBDA_D, _LAMBDA_H = 59501.3438 * _MHZ, 58.3680e-3 * _MHZ, 290.8e-9 * _MHZ
 _GAMMA, _GAMMA_D, _GAMMA_H = -252.58634 * _MHZ, -243.42e-6 * _MHZ, -1.46e-9 * _MHZ
 
-# b¹Σg⁺, v = 0: term value above the zero of the Hamiltonian below, B′, D′, H′. Least squares, made for this module, over
-# the upper term values J′ ≤ 30 that the positions of Drouin et al., JQSRT 186, 118 (2017) give with the X constants
+# b¹Σg⁺, v = 0: term value above the zero of the Hamiltonian below, B′, D′, H′. Least squares, made for this module,
+# over the upper term values J′ ≤ 30 that the positions of Drouin et al., JQSRT 186, 118 (2017) give with the X constants
 # above (largest residual 2e-4 cm⁻¹). The four numbers are therefore no independent check of those positions; the lower
 # term values, branch separations and intensities are.
 _T_B, _B_B, _D_B, _H_B = 13122.25190e2, 1.39124764e2, 5.36341e-4, -7.174e-10
@@ -104,8 +104,8 @@ def partition_function(temperature_k: float) -> float:
 def air_half_width(j: NDArray[np.int64]) -> NDArray[np.float64]:
     """Half-width in air at 296 K in 1/m per Pa, from a smooth function of the rotational quantum number.
 
-    The rational form of Yang et al., JQSRT 90, 309 (2005), A + B/(1 + c1·J + c2·J² + c3·J⁴) in cm⁻¹/atm. It stays within
-    2 % of the widths that Drouin et al. (2017) list to four digits for J ≤ 24, and is 6 % above them at J = 28.
+    The rational form of Yang et al., JQSRT 90, 309 (2005), A + B/(1 + c1·J + c2·J² + c3·J⁴) in cm⁻¹/atm. It stays
+    within 2 % of the widths that Drouin et al. (2017) list to four digits for J ≤ 24, and is 6 % above them at J = 28.
     """
     x = j.astype(np.float64)
     per_atm = 0.02204 + 0.03749 / (1 + 0.05428 * x - 1.19e-3 * x**2 + 2.073e-6 * x**4)
