@@ -49,17 +49,24 @@ GHOST_COLUMNS = (
 )
 
 
-def mean_spread(value: Mapping[str, float] | None) -> str:
-    """``mean ± spread`` with the decimals that the spread supports; a dash for None."""
+TABLE1_ROWS = {
+    "offset_over_baseline": "baseline offset O/B",
+    "parasitic_over_modulation": "parasitic modulation M*/M",
+    "nma_error": "NMA error, exact: 1 − (1 + M*/M)/(1 + O/B)",
+    "nma_error_linear": "NMA error by Eq. 1: O/B − M*/M",
+}
+"""Rows of Table 1 on the page, by their keys in the result of ``budget.table1``."""
+
+
+def mean_spread(value: Mapping[str, float | None] | None) -> str:
+    """``mean ± spread (error e)``, leaving out what is None; a dash for no value at all."""
     if value is None:
         return "–"
-    mean, spread = value["mean"], value["spread"]
-    size = max(abs(mean), abs(spread))
-    if size == 0.0:
-        return "0"
-    if size < 1e-3:
-        return f"{mean:.2e} ± {spread:.1e}"
-    return f"{mean:.5f} ± {spread:.5f}"
+    mean, spread, error = value["mean"], value["spread"], value.get("error")
+    size = max(abs(part) for part in (mean, spread) if part is not None)
+    form = ".2e" if 0.0 < size < 1e-3 else ".5f"
+    text = format(mean, form) if spread is None else f"{mean:{form}} ± {spread:{form}}"
+    return text if error is None else f"{text} (error {error:.0e})"
 
 
 def render(document: Mapping[str, Any]) -> str:
@@ -70,8 +77,8 @@ def render(document: Mapping[str, Any]) -> str:
         page; ``pictures``, a list of {``file``, ``caption``} for the instrument as a whole; ``bands``, a list of dicts:
 
         * ``name``, ``about`` (one sentence)
-        * ``table1``: list of {``quantity``, ``coherent``, ``paper_rule``, ``printed``, ``why``}, the three middle ones
-          {``mean``, ``spread``} over the field points, or None
+        * ``table1``: the result of ``budget.table1``: ``TABLE1_ROWS`` there and in its ``paper_bookkeeping`` and
+          ``printed`` (or None), each {``mean``, ``spread``, ``error``}; ``fields``, how many; ``why``, text or None
         * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``
         * ``pictures``: list of {``file``, ``caption``}
         * ``plan``: text shown as it stands, or ""
@@ -87,7 +94,7 @@ def render(document: Mapping[str, Any]) -> str:
     )
     environment.filters["mean_spread"] = mean_spread
     return environment.get_template("index.html").render(
-        columns=GHOST_COLUMNS, facts=list(_flat(document["provenance"])), **document
+        columns=GHOST_COLUMNS, table1_rows=TABLE1_ROWS, facts=list(_flat(document["provenance"])), **document
     )
 
 

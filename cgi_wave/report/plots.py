@@ -59,33 +59,6 @@ def plot_contrast(ghosts: Sequence[Mapping[str, Any]], ax: Axes | None = None) -
     return ax
 
 
-def plot_psi(psi: Mapping[str, Any], ax: Axes | None = None) -> Axes:
-    """Interferogram along the OPD axis, without and with stray light.
-
-    psi : ``opd_m`` (P,) in m, ``nominal`` and ``with_stray_light`` (P,) in one and the same unit of irradiance.
-    """
-    ax = _axes(ax, (7.0, 3.2))
-    opd = np.asarray(psi["opd_m"]) * 1e3
-    ax.plot(opd, psi["nominal"], color=COLOURS[0], label="nominal")
-    ax.plot(opd, psi["with_stray_light"], color=COLOURS[1], linewidth=1, label="with stray light")
-    ax.set_xlabel("OPD / mm")
-    ax.set_ylabel("irradiance / (unit of nominal)")
-    ax.legend(frameon=False)
-    return ax
-
-
-def plot_parasitic(psi: Mapping[str, Any], ax: Axes | None = None) -> Axes:
-    """What stray light adds to the interferogram, in percent of the nominal baseline.
-
-    psi : as for ``plot_psi``, with ``parasitic_percent`` (P,), the difference in % of the nominal baseline.
-    """
-    ax = _axes(ax, (7.0, 2.6))
-    ax.plot(np.asarray(psi["opd_m"]) * 1e3, psi["parasitic_percent"], color=COLOURS[1])
-    ax.set_xlabel("OPD / mm")
-    ax.set_ylabel("stray light / % of baseline")
-    return ax
-
-
 def plot_irradiance(spot: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     """Where the rays of one beam land on the detector, linear scale from zero.
 

@@ -23,6 +23,13 @@ GHOST = {
     "opd_m": 1.33e-3,
     "fringes": 10.0,
 }
+
+
+def entry(mean, spread):
+    return {"mean": mean, "spread": spread, "error": 1e-6}
+
+
+ROWS = dict.fromkeys(page.TABLE1_ROWS, entry(0.0123, 0.0004))
 DOCUMENT = {
     "title": "Ghosts of <instrument>",
     "lead": "One sentence.",
@@ -33,15 +40,13 @@ DOCUMENT = {
         {
             "name": "NIR",
             "about": "764 nm.",
-            "table1": [
-                {
-                    "quantity": "O/B",
-                    "coherent": {"mean": 0.0123, "spread": 0.0004},
-                    "paper_rule": {"mean": 0.0456, "spread": 0.0},
-                    "printed": None,
-                    "why": "Coherence & <sums>.",
-                }
-            ],
+            "table1": {
+                **ROWS,
+                "paper_bookkeeping": ROWS | {"offset_over_baseline": entry(0.0456, 0.0)},
+                "printed": {"offset_over_baseline": {"mean": 0.034, "spread": None}},
+                "fields": 5,
+                "why": "Coherence & <sums>.",
+            },
             "ghosts": [GHOST, GHOST | {"path": "L1", "contrast": None, "contrast_error": None}],
             "pictures": [{"file": "NIR-psi.png", "caption": "PSI", "wide": False}],
             "plan": "kept 1 < 2",
@@ -104,9 +109,23 @@ def test_what_was_not_computed_is_a_dash_with_no_key(read):
     assert read.keys[-22:-11][column] == "0.0123"
 
 
-def test_table1_shows_three_book_keepings_and_the_reason(read):
-    row = read.cells.index("O/B")
-    assert read.cells[row : row + 5] == ["O/B", "0.01230 ± 0.00040", "0.04560 ± 0.00000", "–", "Coherence & <sums>."]
+def test_table1_shows_both_book_keepings_the_print_and_the_reason(read, html):
+    row = read.cells.index(page.TABLE1_ROWS["offset_over_baseline"])
+    assert read.cells[row + 1 : row + 4] == [
+        "0.01230 ± 0.00040 (error 1e-06)",
+        "0.04560 ± 0.00000 (error 1e-06)",
+        "0.03400",
+    ]
+    row = read.cells.index(page.TABLE1_ROWS["nma_error_linear"])
+    assert read.cells[row + 3] == "–"
+    assert "Coherence &amp; &lt;sums&gt;." in html
+    assert "over 5 field points" in html
+
+
+def test_a_band_that_the_paper_does_not_have_has_no_printed_column_values():
+    band = DOCUMENT["bands"][0]
+    html = page.render(DOCUMENT | {"bands": [band | {"table1": band["table1"] | {"printed": None, "why": None}}]})
+    assert "Why ours differ" not in html
 
 
 def test_links_are_to_files_beside_the_page_or_places_on_it(html, read):
@@ -127,7 +146,12 @@ def test_a_missing_part_is_an_error_not_a_gap():
 
 @pytest.mark.parametrize(
     ("mean", "spread", "text"),
-    [(0.0, 0.0, "0"), (3e-4, 5e-4, "3.00e-04 ± 5.0e-04"), (-0.0071, 0.001, "-0.00710 ± 0.00100")],
+    [
+        (0.0, 0.0, "0.00000 ± 0.00000"),
+        (3e-4, 5e-4, "3.00e-04 ± 5.00e-04"),
+        (-0.0071, 0.001, "-0.00710 ± 0.00100"),
+        (0.0355, None, "0.03550"),
+    ],
 )
 def test_mean_and_spread(mean, spread, text):
     assert page.mean_spread({"mean": mean, "spread": spread}) == text

@@ -11,7 +11,6 @@ GHOSTS = [
     {"order": 2, "contrast_eq4": 0.1, "contrast": 0.05, "contrast_error": 1.0},
     {"order": 2, "contrast_eq4": 0.1, "contrast": None, "contrast_error": None},
 ]
-PSI = {"opd_m": [1e-3, 1.1e-3], "nominal": [1.0, 2.0], "with_stray_light": [1.1, 2.1], "parasitic_percent": [7.0, 6.0]}
 SPOT = {"label": "g", "unit": "1/mm²", "x_m": [0, 1e-3, 2e-3], "y_m": [0, 1e-3], "irradiance": [[1.0, 3.0]]}
 PSF = {"label": "g", "x_m": [-1e-6, 1e-6], "y_m": [0, 2e-6], "psf": [[0.0, 4.0], [2.0, 1e-30]]}
 LAYOUT = {
@@ -22,8 +21,6 @@ LAYOUT = {
 }
 CASES = [
     (plots.plot_contrast, GHOSTS),
-    (plots.plot_psi, PSI),
-    (plots.plot_parasitic, PSI),
     (plots.plot_irradiance, SPOT),
     (plots.plot_psf, PSF),
     (plots.plot_layout, LAYOUT),
@@ -64,9 +61,9 @@ def test_contrast_of_no_ghosts_is_an_empty_picture(ax):
 
 
 def test_lengths_are_shown_in_the_unit_of_the_label(ax):
-    plots.plot_psi(PSI, ax=ax)
-    np.testing.assert_allclose(ax.lines[0].get_xdata(), [1.0, 1.1])
-    assert ax.get_xlabel() == "OPD / mm"
+    plots.plot_layout(LAYOUT, ax=ax)
+    np.testing.assert_allclose(ax.lines[0].get_xdata(), [-100.0, 0.0, 100.0])
+    assert ax.get_xlabel() == "z / mm"
 
 
 def test_psf_is_relative_to_its_peak_and_its_dark_is_the_end_of_the_scale(ax):
