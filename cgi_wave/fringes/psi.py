@@ -1,0 +1,300 @@
+"""The interferogram along the OPD axis of one field point (a partially scanned interferogram, PSI): Eq. 2 of the paper.
+
+    I(y) = Σ_m t_m + ∫ w(σ) Σ_pairs 2√(t_m t_l) Re[γ_ml(σ) exp(i 2πσ (OPD_ml(σ) + slope_ml·y))] dσ,   ∫ w dσ = 1
+
+with w = filter × radiance normalised by the trapezoidal rule on the given grid, so that I is the irradiance relative to
+what a lossless, ghost-free instrument would deliver to the detector from both ports together. t, γ and the OPD slope
+are those of the field point and are held along the zone. Three book-keepings come out of the same terms:
+
+* ``nominal``: beams 0 and 1 and their pair;
+* ``paper``: all powers added without interference (Eq. 3), plus the ghost–nominal pairs (Eq. 2);
+* ``coherent``: every pair of the payload, ghost–ghost pairs included, whose part without fringes is then baseline.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from cgi_wave.errors import InputError, MethodLimitError
+from cgi_wave.fringes import chebyshev
+from cgi_wave.fringes.coherency import Coherency, Pair
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Bookkeeping = Literal["nominal", "paper", "coherent"]
+METHOD = "compressed spectral sum"
+#: Weight outside the spectral range of the pairs that is let go, its bound going into the error; more is refused.
+LOST_WEIGHT_LIMIT = 1e-4
+
+
+@dataclass(frozen=True)
+class Interferogram:
+    """One book-keeping of a PSI. Irradiance is relative (∫w = 1), see the module.
+
+    irradiance : (R,) per row
+    error : absolute bound that holds on every row, the sum of the next three
+    contrast_error : from the error bounds of the pairs' γ, added without cancellation
+    sampling_error : |sum on the given σ grid − sum on every second sample|, added over pairs
+    numerical_error : reduction of the spectral sum, interpolation along y, lost spectral tails, rounding
+    left_out : plain sum of the bounds of the pairs that belong here and were left out, relative to the nominal M
+    unbounded : number of pairs that belong here and are neither computed nor left out with a bound
+    """
+
+    bookkeeping: Bookkeeping
+    irradiance: Array
+    error: float
+    contrast_error: float
+    sampling_error: float
+    numerical_error: float
+    left_out: float
+    unbounded: int
+
+
+@dataclass(frozen=True)
+class Psi:
+    """The PSI of one field point.
+
+    y_m : (R,) m, row centres measured from the field point along the OPD axis, ascending
+    opd_m : (R,) m, phase OPD of the nominal pair at ``sigma0`` on each row
+    sigma0 : 1/m, centroid of w: it depends on the band only, not on the field, and fixes the fringe frequency
+    slope : dOPD/dy of the nominal pair; row_height_m : height over which each row integrates (0: a point)
+    """
+
+    y_m: Array
+    opd_m: Array
+    sigma0: float
+    slope: float
+    row_height_m: float
+    nominal: Interferogram
+    paper: Interferogram
+    coherent: Interferogram
+    spectral_nodes: int
+    row_nodes: int
+    method: str = METHOD
+
+
+def synthesise(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_height_m: float = 0.0) -> Psi:
+    """The PSI of one field point in the three book-keepings.
+
+    sigma (S,) 1/m ascending; weight (S,) ≥ 0, filter × radiance in any unit; y_m (R,) m ascending.
+    The row integral is exact: every spectral term carries its own sinc(σ·slope·row_height_m).
+    A pair given at a single σ is taken as achromatic.
+
+    Raises InputError for shapes, signs and a missing or doubled pair; MethodLimitError if the spectral step exceeds
+    1/(4·largest group OPD), or if the pairs' spectral range misses more than 1e-4 of the weight.
+    """
+    _check(coherency, sigma, weight, y_m, row_height_m)
+    sigma, measures = _measures(sigma, weight)
+    sigma0 = float(sigma @ measures[0])
+    sigma, measures, lost = _restrict(coherency.pairs, sigma, measures)
+    reach = _reach(coherency.pairs, y_m)
+    _check_step(sigma, reach)
+
+    count = 1
+    if len(sigma) > 1:
+        degree = max(len(pair.sigma) for pair in coherency.pairs)
+        count = chebyshev.degree_for(np.pi * float(np.ptp(sigma)) * reach, degree)
+        node, reduced = chebyshev.compress(sigma, measures, count, sigma[0], sigma[-1])
+    else:
+        node, reduced = sigma, measures
+    amplitude = _amplitudes(coherency)
+    term = _terms(coherency.pairs, node, row_height_m)
+    slope = np.array([pair.slope for pair in coherency.pairs])
+    y_node, y_error = _row_nodes(node - sigma0, slope, y_m)
+    reduction = np.zeros(len(slope))
+    envelope = np.empty((2, len(y_node), len(slope)), dtype=np.complex128)
+    for k, y in enumerate(y_node):
+        turned = term * np.exp(2j * np.pi * np.outer(slope * y, node - sigma0))
+        envelope[:, k] = reduced @ turned.T
+        if count > 1 and k in (0, len(y_node) - 1):
+            reduction = np.maximum(reduction, chebyshev.tail(turned))
+    rows = chebyshev.interpolation_matrix(y_node, y_m) @ envelope[0]
+    part = amplitude * np.real(rows * np.exp(2j * np.pi * sigma0 * np.outer(y_m, slope)))  # (R, P)
+
+    bounds = {
+        "contrast": amplitude * np.array([pair.error.max() for pair in coherency.pairs]),
+        "sampling": amplitude * np.abs(envelope[1]).max(axis=0),
+        "numerical": amplitude
+        * (y_error + 2.0 * lost + 4.0 * reduction + 2.0 * np.pi * sigma0 * reach * np.finfo(float).eps * 4.0),
+    }
+    nominal = next(pair for pair in coherency.pairs if {pair.m, pair.l} == {0, 1})
+    to_centre = chebyshev.interpolation_matrix(nominal.sigma, np.array([sigma0]))
+    opd = float((to_centre @ nominal.opd_m)[0]) if len(nominal.sigma) > 1 else float(nominal.opd_m[0])
+
+    def keep(bookkeeping: Bookkeeping) -> Interferogram:
+        return _interferogram(coherency, bookkeeping, part, bounds)
+
+    return Psi(
+        y_m=y_m, opd_m=opd + nominal.slope * y_m, sigma0=sigma0, slope=nominal.slope, row_height_m=row_height_m,
+        nominal=keep("nominal"), paper=keep("paper"), coherent=keep("coherent"),
+        spectral_nodes=count, row_nodes=len(y_node),
+    )  # fmt: skip
+
+
+def belongs(m: int, l: int, bookkeeping: Bookkeeping) -> bool:  # noqa: E741
+    """Whether the pair (m, l) is part of a book-keeping; beams 0 and 1 are the nominal ones."""
+    nominals = (m < 2) + (l < 2)
+    return bookkeeping == "coherent" or nominals == 2 or (bookkeeping == "paper" and nominals == 1)
+
+
+def _interferogram(
+    coherency: Coherency, bookkeeping: Bookkeeping, part: Array, bounds: dict[str, Array]
+) -> Interferogram:
+    beams = len(coherency.labels)
+    used = np.array([belongs(pair.m, pair.l, bookkeeping) for pair in coherency.pairs])
+    power = coherency.transmission[:2].sum() if bookkeeping == "nominal" else coherency.transmission.sum()
+    contrast, sampling, numerical = (float(bounds[name][used].sum()) for name in ("contrast", "sampling", "numerical"))
+    out = [left for left in coherency.left_out if belongs(left.m, left.l, bookkeeping)]
+    wanted = {"nominal": 1, "paper": 1 + 2 * (beams - 2), "coherent": beams * (beams - 1) // 2}[bookkeeping]
+    return Interferogram(
+        bookkeeping=bookkeeping,
+        irradiance=power + part[:, used].sum(axis=1),
+        error=contrast + sampling + numerical,
+        contrast_error=contrast,
+        sampling_error=sampling,
+        numerical_error=numerical,
+        left_out=float(sum(left.bound for left in out)),
+        unbounded=wanted - int(used.sum()) - len(out),
+    )
+
+
+def _amplitudes(coherency: Coherency) -> Array:
+    """(P,) 2√(t_m t_l)."""
+    t = coherency.transmission
+    return np.array([2.0 * np.sqrt(t[pair.m] * t[pair.l]) for pair in coherency.pairs])
+
+
+def _measures(sigma: Array, weight: Array) -> tuple[Array, Array]:
+    """(2, S): trapezoidal weights with sum 1, and their difference from those of every second sample.
+
+    Samples at both ends that hold less than 1e-13 of the weight between them are cut: they only widen the band.
+    """
+    fine = _trapezoid(sigma) * weight
+    fine = fine / fine.sum()
+    inside = np.flatnonzero((np.cumsum(fine) > 5e-14) & (np.cumsum(fine[::-1])[::-1] > 5e-14))
+    cut = slice(inside[0], inside[-1] + 1)
+    sigma, weight = sigma[cut], weight[cut]
+    fine = _trapezoid(sigma) * weight
+    fine = fine / fine.sum()
+    half = np.zeros_like(fine)
+    second = np.unique(np.append(np.arange(0, len(sigma), 2), len(sigma) - 1))
+    half[second] = _trapezoid(sigma[second]) * weight[second]
+    if half.sum() > 0.0:
+        half /= half.sum()
+    return sigma, np.array([fine, fine - half])
+
+
+def _trapezoid(sigma: Array) -> Array:
+    if len(sigma) == 1:
+        return np.ones(1)
+    step = np.diff(sigma)
+    return 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
+
+
+def _restrict(pairs: tuple[Pair, ...], sigma: Array, measures: Array) -> tuple[Array, Array, float]:
+    """The samples that every pair's Chebyshev range covers, and the weight lost with the others."""
+    low, high = -np.inf, np.inf
+    for pair in pairs:
+        n = len(pair.sigma)
+        if n > 1:  # nodes of the first kind stop short of the range they serve, by this factor
+            centre, half = 0.5 * (pair.sigma[0] + pair.sigma[-1]), 0.5 * (pair.sigma[-1] - pair.sigma[0])
+            half *= (1.0 + 1e-9) / np.cos(np.pi / (2 * n))
+            low, high = max(low, centre - half), min(high, centre + half)
+    inside = (sigma >= low) & (sigma <= high)
+    lost = float(measures[0][~inside].sum())
+    if lost > LOST_WEIGHT_LIMIT:
+        raise MethodLimitError(
+            METHOD,
+            f"{lost:.2e} of the spectral weight lies outside the pairs' range {low:.6g}…{high:.6g} 1/m, "
+            f"at most {LOST_WEIGHT_LIMIT:g} may",
+            lost / LOST_WEIGHT_LIMIT,
+            "compute the contrasts over a wider spectral range",
+        )
+    return sigma[inside], measures[:, inside], lost
+
+
+def _reach(pairs: tuple[Pair, ...], y_m: Array) -> float:
+    """Largest group OPD |d(σ·OPD)/dσ| of any pair on any row, in m; it sets the degree and the step."""
+    span = float(np.abs(y_m).max())
+    return max(
+        float(np.abs(chebyshev.derivative_matrix(p.sigma) @ (p.sigma * p.opd_m)).max() if len(p.sigma) > 1
+              else abs(p.opd_m[0])) + abs(p.slope) * span
+        for p in pairs
+    )  # fmt: skip
+
+
+def _check_step(sigma: Array, reach: float) -> None:
+    if len(sigma) < 2:
+        return
+    factor = 4.0 * reach * float(np.diff(sigma).max())
+    if factor > 1.0:
+        raise MethodLimitError(
+            METHOD,
+            f"spectral step at most 1/(4 OPD) = {0.25 / reach:.4g} 1/m for the largest group OPD kept, {reach:.4g} m",
+            factor,
+            f"sample the spectrum {np.ceil(factor):.0f} times finer, or leave the pairs of longest OPD out, bounded",
+        )
+
+
+def _terms(pairs: tuple[Pair, ...], node: Array, row_height_m: float) -> Complex:
+    """(P, N) γ(σ) exp(i2πσ·OPD(σ)) sinc(σ·slope·height) at the spectral nodes."""
+    matrices: dict[bytes, Array] = {}
+    term = np.empty((len(pairs), len(node)), dtype=np.complex128)
+    for row, pair in enumerate(pairs):
+        key = pair.sigma.tobytes()
+        if key not in matrices:
+            matrices[key] = chebyshev.interpolation_matrix(pair.sigma, node)
+        opd, gamma = matrices[key] @ pair.opd_m, matrices[key] @ pair.gamma
+        term[row] = gamma * np.exp(2j * np.pi * node * opd) * np.sinc(node * pair.slope * row_height_m)
+    return term
+
+
+def _row_nodes(detuning: Array, slope: Array, y_m: Array) -> tuple[Array, float]:
+    """Nodes along y for the envelopes left when the carrier σ0 is taken out, and the bound of interpolating them.
+
+    Each envelope is a sum of exp(i c u), |u| ≤ 1, c ≤ 2π|σ − σ0|·|slope|·half the zone; Chebyshev interpolation errs by
+    at most 4 Σ_{n≥K} |J_n(c)| ≤ 8 (c/2)^K/K! per unit of spectral weight.
+    """
+    half = 0.5 * float(y_m[-1] - y_m[0])
+    bandwidth = 2.0 * np.pi * float(np.abs(detuning).max()) * float(np.abs(slope).max()) * half
+    count = chebyshev.degree_for(bandwidth)
+    if len(y_m) <= count:
+        return y_m, 0.0
+    if bandwidth == 0.0:
+        return chebyshev.nodes(1, y_m[0], y_m[-1]), 0.0
+    bound = 8.0 * np.exp(count * np.log(0.5 * bandwidth) - gammaln(count + 1.0))
+    return chebyshev.nodes(count, y_m[0], y_m[-1]), float(bound)
+
+
+def _check(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_height_m: float) -> None:
+    def refuse(field: str, value: object, problem: str, remedy: str) -> None:
+        raise InputError("synthesise", field, value, problem, remedy)
+
+    if sigma.ndim != 1 or sigma.shape != weight.shape or len(sigma) == 0:
+        refuse("sigma, weight", (sigma.shape, weight.shape), "must be one-dimensional, of one length, not empty",
+               "give the weight on the grid of sigma")  # fmt: skip
+    if not (np.all(np.isfinite(sigma)) and sigma[0] > 0.0 and np.all(np.diff(sigma) > 0.0)):
+        refuse("sigma", float(sigma[0]), "must be finite, positive and ascending", "sort the spectrum by wavenumber")
+    if not (np.all(np.isfinite(weight)) and np.all(weight >= 0.0) and weight.sum() > 0.0):
+        refuse("weight", float(weight.min()), "must be finite, not negative, and not zero everywhere",
+               "check that the filter lies inside the spectrum")  # fmt: skip
+    if y_m.ndim != 1 or len(y_m) == 0 or not (np.all(np.isfinite(y_m)) and np.all(np.diff(y_m) > 0.0)):
+        refuse("y_m", y_m.shape, "must be finite and ascending", "give the row centres in order")
+    if not 0.0 <= row_height_m < np.inf:
+        refuse("row_height_m", row_height_m, "must be zero or positive", "give the pixel pitch, or 0 for points")
+    keys = [frozenset((pair.m, pair.l)) for pair in coherency.pairs]
+    keys += [frozenset((left.m, left.l)) for left in coherency.left_out]
+    doubled = sorted(tuple(sorted(key)) for key, times in Counter(keys).items() if times > 1 or len(key) == 1)
+    if doubled:
+        refuse("coherency.pairs", doubled[0], "pair of a beam with itself, or given twice", "give every pair once")
+    if frozenset((0, 1)) not in keys[: len(coherency.pairs)]:
+        refuse("coherency.pairs", len(coherency.pairs), "the nominal pair (0, 1) is missing", "compute it")
+    for pair in coherency.pairs:
+        if not (np.all(np.isfinite(pair.gamma)) and np.all(np.isfinite(pair.opd_m)) and np.all(pair.error >= 0.0)):
+            refuse("coherency.pairs", (pair.m, pair.l), "γ, OPD or error is not finite", "leave the pair out, bounded")

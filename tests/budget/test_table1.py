@@ -1,0 +1,82 @@
+"""Table 1: the paper's own figures against the exact ratio, and the column's arithmetic."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cgi_wave.budget.table1 import PRINTED, WHY, format_table1, table1
+from cgi_wave.errors import InputError
+from cgi_wave.fringes.nma import Estimate, nma_error_exact, nma_error_linear
+
+
+@pytest.mark.parametrize(
+    ("band", "exact"), [("VIS", 0.0354), ("NIR", 0.0327), ("SWIR1_CO2", 0.0281), ("SWIR2", 0.0328)]
+)
+def test_printed_columns_follow_the_exact_ratio_and_not_the_linear_form(band, exact):
+    column = PRINTED[band]
+    o, m = column.offset_over_baseline[0], column.parasitic_over_modulation[0]
+    assert nma_error_exact(m, o) == pytest.approx(exact, abs=6e-5)
+    assert abs(nma_error_exact(m, o) - column.nma_error) < 5e-4
+    assert abs(nma_error_linear(m, o) - column.nma_error) > abs(nma_error_exact(m, o) - column.nma_error)
+
+
+def test_printed_ch4_column_does_not_fit_unless_a_sign_was_lost():
+    column = PRINTED["SWIR1_CH4"]
+    o, m = column.offset_over_baseline[0], column.parasitic_over_modulation[0]
+    assert nma_error_exact(m, o) == pytest.approx(0.0251, abs=6e-5)
+    assert abs(nma_error_exact(m, o) - column.nma_error) > 0.014
+    assert nma_error_exact(-0.007, o) == pytest.approx(0.0398, abs=2e-4)
+
+
+def part(o, m, error=1e-4):
+    return SimpleNamespace(
+        offset_over_baseline=Estimate(o, error),
+        parasitic_over_modulation=Estimate(m, 2 * error),
+        nma_error=Estimate(nma_error_exact(m, o), 3 * error),
+        nma_error_linear=Estimate(nma_error_linear(m, o), 3 * error),
+    )
+
+
+def results():
+    fields = [(0.030, -0.001, 0.041, 0.001), (0.034, -0.003, 0.047, 0.002), (0.026, 0.001, 0.044, 0.003)]
+    one = Estimate(0.4, 1e-5)
+    nominal = SimpleNamespace(modulation=one, baseline=one, nma=one)
+    return [SimpleNamespace(nominal=nominal, coherent=part(a, b), paper=part(c, d)) for a, b, c, d in fields]
+
+
+def test_column_has_mean_spread_and_the_largest_error_bar():
+    column = table1("NIR", results())
+    assert column["offset_over_baseline"] == pytest.approx(
+        {"mean": 0.030, "spread": np.sqrt(2 * 0.004**2 / 3), "error": 1e-4}
+    )
+    assert column["parasitic_over_modulation"]["mean"] == pytest.approx(-0.001)
+    exact = [1 - (1 + m) / (1 + o) for o, m in [(0.030, -0.001), (0.034, -0.003), (0.026, 0.001)]]
+    assert column["nma_error"]["mean"] == pytest.approx(np.mean(exact))
+    assert column["nma_error_linear"]["mean"] == pytest.approx(0.031)
+    assert column["paper_bookkeeping"]["offset_over_baseline"]["mean"] == pytest.approx(0.044)
+    assert column["printed"]["offset_over_baseline"] == {"mean": 0.034, "spread": 0.005}
+    assert column["printed"]["nma_error"]["mean"] == 0.0328
+    assert column["fields"] == 3
+    assert json.loads(json.dumps(column)) == column
+
+
+def test_why_is_needed_beside_printed_figures_and_can_be_given():
+    for band in ("VIS", "NIR"):
+        assert table1(band, results())["why"] == WHY[band]
+    with pytest.raises(InputError, match="say why"):
+        table1("SWIR2", results())
+    assert table1("SWIR2", results(), why="another instrument")["why"] == "another instrument"
+    other = table1("O2B", results())
+    assert other["printed"] is None and other["why"] is None
+    with pytest.raises(InputError, match="no field"):
+        table1("NIR", [])
+
+
+def test_text_holds_every_row_in_three_columns():
+    text = format_table1({"NIR": table1("NIR", results()), "O2B": table1("O2B", results())})
+    row = next(line for line in text.splitlines() if line.startswith("NIR") and " O/B" in line)
+    assert "+0.0300 ± 0.0033" in row and "+0.0440" in row and "+0.0340 ± 0.0050" in row
+    assert WHY["NIR"] in text
+    assert len(text.splitlines()) == 1 + 5 + 4
