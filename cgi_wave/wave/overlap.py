@@ -1,0 +1,184 @@
+"""Overlap of two pupil fields: the complex contrast γ (direction space) or the mutual intensity J (pupil space)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.errors import InputError, MethodLimitError
+from cgi_wave.wave.basis import Array, chebyshev_tail, chebyshev_wavenumbers, expand
+from cgi_wave.wave.field import PupilField
+from cgi_wave.wave.region import METHOD, SAFETY, Region, find_region, integrate, spread
+
+NODE_LIMIT = 129  # wavenumbers at which one pair may be computed
+_TINY = 1e-3  # |value| below which the slope is the plain mean: the weighted one loses its meaning
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """∫ A_m A_l exp(i 2πσ(opl_m − opl_l) + i(phase_m − phase_l)) d²u / √(P_m P_l), at T wavenumbers.
+
+    The complex contrast is value · exp(i 2πσ·opd_m).
+
+    value : (T,) complex, the constant phase difference included, the pivot's path difference left out
+    opd_m : (T,) m, opl_m − opl_l at the pivot
+    slope : dOPD/dy at the middle sigma, the integrand-weighted mean of the difference of the y direction cosines
+    slope_weighted : False where |value| was too small for that and the mean over the shared support stands instead
+    error_bound : (T,) absolute, on value
+    shared : √(∫A_m² ∫A_l²) over the shared support / √(P_m P_l), at the middle sigma: |value| cannot exceed it
+    pivot : (2,) in units of u
+    nodes : quadrature nodes; method : its name; seconds : wall time
+    """
+
+    value: NDArray[np.complex128]
+    opd_m: Array
+    slope: float
+    slope_weighted: bool
+    error_bound: Array
+    shared: float
+    pivot: tuple[float, float]
+    nodes: int
+    method: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """The polynomials of two fields in their common frame: phase in cycles, without its value at the pivot."""
+
+    region: Region
+    phase: Array
+    opd_m: Array
+    a: Array
+    b: Array
+    steer: Array
+    norm: Array
+
+
+def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair:  # noqa: E741
+    n = region.clearance.shape[-1]
+
+    def in_frame(field: PupilField, coef: Array) -> Array:
+        return expand(coef, field.support.centre, field.support.scale, region.pivot, region.frame, n)
+
+    weights_m, weights_l = m.weights(sigma), l.weights(sigma)
+    path = np.tensordot(weights_m, in_frame(m, m.opl), 1) - np.tensordot(weights_l, in_frame(l, l.opl), 1)
+    opd_m = path[:, 0, 0].copy()
+    path[:, 0, 0] = 0.0
+    steer = in_frame(m, m.direction[1]) - in_frame(l, l.direction[1])
+    a = np.tensordot(weights_m, in_frame(m, m.amplitude), 1)
+    b = np.tensordot(weights_l, in_frame(l, l.amplitude), 1)
+    norm = np.sqrt(m.power_at(sigma) * l.power_at(sigma))
+    return _Pair(region, path * sigma[:, None, None], opd_m, a, b, steer, norm)
+
+
+def _check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741
+    if m.space != l.space or not np.allclose(m.reference_point, l.reference_point, rtol=0, atol=1e-12):
+        raise InputError(
+            f"pair {m.label} | {l.label}",
+            "reference_point",
+            (m.space, m.reference_point, l.space, l.reference_point),
+            "the two fields stand in different spaces or about different points",
+            "sample both about one detector point",
+        )
+
+
+def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6) -> Overlap:  # noqa: E741
+    """Overlap of two fields at wavenumbers ``sigma`` (T,), 1/m, by boundary-fitted quadrature.
+
+    ``tol`` is the numerical error allowed on ``value``; the misfit of the two fields comes on top in the bound. Fields
+    whose supports do not meet give exactly 0 with bound 0.
+
+    Raises MethodLimitError beyond the node cap (naming waves and factor) or outside the fields' wavenumbers,
+    InputError for fields of different spaces or reference points.
+    """
+    started = time.perf_counter()
+    _check_pair(m, l)
+    sigma = np.atleast_1d(np.asarray(sigma, float))
+    region = find_region([m.support, l.support])
+    if region is None:
+        zero = np.zeros(sigma.size)
+        seconds = time.perf_counter() - started
+        return Overlap(zero + 0j, zero, 0.0, False, zero, 0.0, (0.0, 0.0), 0, "no shared support", seconds)
+    pair = _pair(m, l, sigma, region)
+    total = integrate(region, pair.phase, pair.a, pair.b, pair.steer, pair.norm, tol)
+    raw = total.value / pair.norm
+    value = raw * np.exp(1j * (m.phase - l.phase))
+    middle = sigma.size // 2
+    weighted = abs(raw[middle]) > _TINY
+    slope = (
+        (total.weighted / total.value[middle]).real if weighted else total.unweighted / max(total.cross[middle], 1e-300)
+    )
+    share = float(np.sqrt(total.aa[middle] * total.bb[middle]) / pair.norm[middle])
+    fit = _misfit(m, l, sigma, total.cross / pair.norm, np.abs(raw), total.area)
+    rounding = 4e-16 * (2.0 * np.pi * np.abs(pair.phase).sum(axis=(1, 2)) + 10.0)
+    error = SAFETY * total.change / pair.norm + total.edge / pair.norm + fit + rounding
+    pivot = (float(region.pivot[0]), float(region.pivot[1]))
+    seconds = time.perf_counter() - started
+    return Overlap(
+        value, pair.opd_m, float(slope), bool(weighted), error, share, pivot, total.nodes, METHOD, seconds
+    )
+
+
+def _misfit(m: PupilField, l: PupilField, sigma: Array, cross: Array, size: Array, area: float) -> Array:  # noqa: E741
+    """(T,) what the residuals of the two fits can change: phase, amplitudes, and the powers in the normaliser."""
+    phase = np.minimum(2.0 * np.pi * sigma * (m.opl_residual + l.opl_residual), 2.0) * cross
+    amplitude = sum(f.amplitude_residual * np.sqrt(area / f.power_at(sigma)) for f in (m, l))
+    return phase + amplitude + 0.5 * size * (m.power_error + l.power_error)
+
+
+def mutual_power_bound(m: PupilField, l: PupilField) -> float:  # noqa: E741
+    """Cauchy-Schwarz bound of |value|: √(∫A_m² ∫A_l²) over the shared support / √(P_m P_l), at the middle sigma.
+
+    Good to 1 %, upwards; 0 when the supports do not meet. Needs no phase and costs a few thousand nodes.
+    """
+    _check_pair(m, l)
+    region = find_region([m.support, l.support])
+    if region is None:
+        return 0.0
+    sigma = m.sigma[[m.sigma.size // 2]]
+    pair = _pair(m, l, sigma, region)
+    total = integrate(region, np.zeros_like(pair.phase), pair.a, pair.b, pair.steer, pair.norm, 1e-3)
+    strip = (total.edge + SAFETY * float(total.change_power.max())) / float(pair.norm[0])
+    return min(1.0, 1.005 * float(np.sqrt(total.aa[0] * total.bb[0]) / pair.norm[0]) + strip)
+
+
+def overlap_spectrum(
+    m: PupilField,
+    l: PupilField,  # noqa: E741
+    sigma_min: float,
+    sigma_max: float,
+    tol: float = 1e-5,
+) -> tuple[Array, Overlap]:
+    """Overlap at as many Chebyshev wavenumbers as interpolation between them to ``tol`` needs.
+
+    The path difference ranges over the region by R metres, so that value(σ) turns through R·(σmax − σmin) cycles: that
+    sets the first count; the tail of its Chebyshev series decides, and is added to the error bound.
+
+    Raises MethodLimitError when more than NODE_LIMIT wavenumbers would be needed.
+    """
+    _check_pair(m, l)
+    region = find_region([m.support, l.support])
+    cycles = 0.0
+    if region is not None:
+        middle = np.array([0.5 * (sigma_min + sigma_max)])
+        pair = _pair(m, l, middle, region)
+        cycles = spread(region, pair.phase) * (sigma_max - sigma_min) / middle[0]
+    count = 5 + int(np.ceil(1.1 * np.pi * cycles))
+    while count <= NODE_LIMIT:
+        nodes = chebyshev_wavenumbers(sigma_min, sigma_max, count)
+        result = overlap(m, l, nodes, tol)
+        tail = chebyshev_tail(result.value)
+        if tail <= tol:
+            return nodes, replace(result, error_bound=result.error_bound + tail)
+        count = count + max(4, count // 2)
+    raise MethodLimitError(
+        METHOD,
+        f"{m.label} | {l.label}: {cycles:.3g} cycles of path difference over the band need {count} wavenumbers "
+        f"(limit {NODE_LIMIT})",
+        count / NODE_LIMIT,
+        "narrow the band, or bound the contrast and leave the pair out",
+    )

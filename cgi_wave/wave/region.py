@@ -1,0 +1,238 @@
+"""Where one or several pupil fields are lit together, and integrals over it with an error that is measured.
+
+The region is the set where every clearance of every support is positive. It may be anything the clearances bound:
+cut, cornered, holed or in pieces. The quadrature (``cgi_wave.kernels.pupil``) follows its boundary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.errors import MethodLimitError
+from cgi_wave.kernels import pupil
+from cgi_wave.wave.basis import Array, evaluate, expand
+
+METHOD = "boundary-fitted Gauss panels"
+NODE_CAP = 4_000_000  # nodes of one quadrature, before its T wavenumbers
+SAFETY = 2.0  # the error bound is this times the difference of the last two levels
+FIRST_CYCLES, FIRST_TURN, REFINEMENT = 5.0, 1.6, 1.5  # phase (cycles) and turning (rad) of a panel at level 0
+_LEVELS = 8
+_BREAK_LIMIT = 200
+_SCANS = (90, 180, 360)  # rays on which the boundary's corners are looked for, per level
+_GRID = 41
+
+
+@dataclass(frozen=True)
+class Support:
+    """Where a field is lit: inside an ellipse (the domain of its polynomials) and where all clearances are positive.
+
+    centre, scale : (2,) centre and semi-axes of the domain in units of u
+    clearance : (K, n, n) Chebyshev-product coefficients on (u - centre) / scale
+    residual : (K,) largest error of each clearance polynomial on held-out samples
+    """
+
+    centre: Array
+    scale: Array
+    clearance: Array
+    residual: Array
+
+
+@dataclass(frozen=True)
+class Region:
+    """The common support of some fields in a frame of its own: u = pivot + frame * (x, y).
+
+    clearance (K, n, n) in powers of (x, y); residual (K,); ellipses (E, 4) the domains; extent (G, 2) sample points
+    (x, y) inside.
+    """
+
+    pivot: Array
+    frame: Array
+    clearance: Array
+    residual: Array
+    ellipses: Array
+    extent: Array
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """Rays and radial panels of one level; ``nodes`` is their number."""
+
+    rays: Array
+    owner: NDArray[np.int64]
+    panels: NDArray[np.int64]
+    nodes: int
+
+
+@dataclass(frozen=True)
+class Integral:
+    """Integrals over a region for T triples (phase, a, b), in units of a b d²u.
+
+    value (T,) of a b exp(i 2π phase); cross, aa, bb (T,) of a b, a², b²; weighted, unweighted: of the extra factor
+    times a b with and without the phase, at the middle triple; area in units of u²; edge: what the error of the
+    clearances can add; change (T,), change_power (T,): |difference| of value and of max(aa, bb) between the last two
+    levels; nodes of the last level.
+    """
+
+    value: NDArray[np.complex128]
+    cross: Array
+    aa: Array
+    bb: Array
+    weighted: complex
+    unweighted: float
+    area: float
+    edge: float
+    change: Array
+    change_power: Array
+    nodes: int
+
+
+def _lit_points(supports: Sequence[Support], lo: Array, hi: Array) -> tuple[Array, Array, Array]:
+    """Grid points (x, y) over a box with the least clearance there, domains included."""
+    x, y = np.linspace(lo[0], hi[0], _GRID), np.linspace(lo[1], hi[1], _GRID)
+    least = np.full((_GRID, _GRID), np.inf)
+    for s in supports:
+        sx, sy = (x - s.centre[0]) / s.scale[0], (y - s.centre[1]) / s.scale[1]
+        least = np.minimum(least, 1.0 - sx[:, None] ** 2 - sy[None, :] ** 2)
+        if len(s.clearance):
+            least = np.minimum(least, evaluate(s.clearance, sx, sy).min(axis=0))
+    return x, y, least
+
+
+def find_region(supports: Sequence[Support]) -> Region | None:
+    """The common region of the supports, or None when they do not meet.
+
+    A grid over the common box is refined about its best point until it shows positive clearance (slivers down to
+    1e-7 of the box are found), then about the lit points until they fill it.
+    """
+    lo = np.max([s.centre - s.scale for s in supports], axis=0)
+    hi = np.min([s.centre + s.scale for s in supports], axis=0)
+    if np.any(hi <= lo):
+        return None
+    points = np.empty((0, 2))
+    for _ in range(14):
+        x, y, least = _lit_points(supports, lo, hi)
+        i, j = np.nonzero(least > 0.0)
+        step = np.array([x[1] - x[0], y[1] - y[0]])
+        if i.size == 0:
+            i, j = np.unravel_index(np.argmax(least), least.shape)
+            lo, hi = np.array([x[i], y[j]]) - 6.0 * step, np.array([x[i], y[j]]) + 6.0 * step
+            continue
+        points = np.column_stack([x[i], y[j]])
+        if i.size >= _GRID * _GRID // 5 or (i.max() - i.min() > _GRID // 2 and j.max() - j.min() > _GRID // 2):
+            break
+        lo, hi = points.min(axis=0) - 1.5 * step, points.max(axis=0) + 1.5 * step
+    if points.size == 0:
+        return None
+    pivot = points.mean(axis=0)
+    frame = np.abs(points - pivot).max(axis=0) + 1.5 * step
+    extent = (points - pivot) / frame
+    n = max(s.clearance.shape[-1] for s in supports)
+    clearance = np.concatenate([expand(s.clearance, s.centre, s.scale, pivot, frame, n) for s in supports])
+    ellipses = np.array([[*((s.centre - pivot) / frame), *(s.scale / frame)] for s in supports])
+    return Region(pivot, frame, clearance, np.concatenate([s.residual for s in supports]), ellipses, extent)
+
+
+def _segments(region: Region, level: int) -> list[tuple[Array, NDArray[np.bool_]]]:
+    """Angle ranges between corners, with flags for tangent ends."""
+    scan = _SCANS[min(level, len(_SCANS) - 1)]
+    angles, tangent = pupil.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
+    if angles.size > _BREAK_LIMIT or tangent.size > angles.size:
+        raise MethodLimitError(
+            METHOD,
+            f"the boundary of the common support has more than {_BREAK_LIMIT} corners or eight pieces along a line",
+            max(1.0, angles.size / _BREAK_LIMIT),
+            "lower the degree of the fit or merge the apertures that nearly coincide",
+        )
+    if angles.size == 0:
+        return [(np.array([0.0, 2.0 * np.pi]), np.array([False, False]))]
+    following = np.append(angles[1:], angles[0] + 2.0 * np.pi)
+    return [
+        (np.array([angles[b], following[b]]), np.array([tangent[b], tangent[(b + 1) % angles.size]]))
+        for b in range(angles.size)
+        if following[b] - angles[b] > 1e-13
+    ]
+
+
+def _refuse(nodes: float, waves: float) -> MethodLimitError:
+    return MethodLimitError(
+        METHOD,
+        f"{nodes:.3g} nodes for a path difference that spans {waves:.4g} waves (limit {NODE_CAP:.3g} nodes)",
+        nodes / NODE_CAP,
+        "ask for a larger tolerance, or bound the contrast and leave the pair out",
+    )
+
+
+def spread(region: Region, poly: Array) -> float:
+    """max - min of the polynomials (P, n, n) over the region's sample points: the largest of the P, in their unit."""
+    x, y = region.extent.T
+    n = poly.shape[-1]
+    values = np.einsum("pij,gi,gj->pg", poly, np.vander(x, n, increasing=True), np.vander(y, n, increasing=True))
+    return float(np.ptp(values, axis=1).max())
+
+
+def build(region: Region, steering: Array, tilt: float, level: int) -> Quadrature:
+    """Rays and panels for phases ``steering`` (P, n, n; cycles) plus a phase rate ``tilt`` (cycles per frame unit).
+
+    Raises MethodLimitError beyond NODE_CAP nodes, naming the waves and the factor.
+    """
+    cycles, turn = FIRST_CYCLES / REFINEMENT**level, FIRST_TURN / REFINEMENT**level
+    rays, owner = [], []
+    limit = NODE_CAP // pupil.GAUSS**2
+    for span, tangent in _segments(region, level):
+        breaks = pupil.angle_panels(
+            region.clearance, region.ellipses, steering, tilt, span, tangent, cycles, turn, limit
+        )
+        if breaks.size == 1:
+            raise _refuse(float(breaks[0]) ** 2 * pupil.GAUSS**2, spread(region, steering))
+        part, ends = pupil.segment_rays(region.clearance, region.ellipses, span, tangent, breaks)
+        rays.append(part)
+        owner.append(ends)
+    all_rays, all_ends = np.concatenate(rays), np.concatenate(owner)
+    panels = pupil.count_panels(all_rays, steering, tilt, cycles)
+    nodes = int(panels.sum()) * pupil.GAUSS
+    if nodes > NODE_CAP:
+        raise _refuse(nodes, spread(region, steering))
+    return Quadrature(all_rays, all_ends, panels, nodes)
+
+
+def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, norm: Array, tol: float) -> Integral:
+    """Integrals of a b exp(i 2π phase) over the region, refined until SAFETY * change / norm <= tol.
+
+    phase (T, n, n) in cycles, a, b (T, n, n), weight (n, n): powers of the region's frame; norm (T,).
+    Raises MethodLimitError when NODE_CAP or the number of levels does not suffice.
+    """
+    middle = phase.shape[0] // 2
+    steering = phase[[int(np.argmax(np.abs(phase).sum(axis=(1, 2))))]]
+    area = float(np.prod(region.frame))
+    before: tuple[Array, Array, float] | None = None
+    worst = np.inf
+    for level in range(_LEVELS):
+        q = build(region, steering, 0.0, level)
+        sums, weighted, edge = pupil.integrate(
+            q.rays, q.owner, q.panels, steering, 0.0, phase, a, b, weight, middle, region.clearance, region.residual
+        )
+        sums, weighted, edge = sums * area, weighted * area, edge * area
+        if before is not None:
+            change = np.hypot(*(sums - before[0])[:, :2].T)
+            change_power = np.abs(sums - before[0])[:, 2:].max(axis=1)
+            worst = float(np.max(SAFETY * change / norm))
+            if worst <= tol:
+                return Integral(
+                    sums[:, 0] + 1j * sums[:, 1],
+                    *sums[:, 2:].T,
+                    complex(weighted[0], weighted[1]),
+                    float(weighted[2]),
+                    float(weighted[3]),
+                    float(edge),
+                    change,
+                    change_power,
+                    q.nodes,
+                )
+        before = sums, weighted, edge
+    raise MethodLimitError(
+        METHOD, f"{_LEVELS} levels leave an error of {worst:.2g}", worst / tol, "ask for a larger tolerance"
+    )
