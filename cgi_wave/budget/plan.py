@@ -100,7 +100,7 @@ def plan_pairs(
     opd_lo: Array,
     opd_hi: Array,
     gamma_max: Array,
-    envelope: Callable[[float, float], float],
+    envelope: Callable[[Array, Array], Array],
     nma: float,
     tolerance: float,
     cross_family: bool = True,
@@ -110,7 +110,8 @@ def plan_pairs(
     labels, transmission, family : (B,) as in Coherency (0 and 1 are the nominal beams)
     opd_lo, opd_hi : (B, B) m, range of the group OPD of pair (m, l), m < l, over pupil, zone and band; upper triangle
     gamma_max : (B, B) bound of |γ|; 1 is always safe
-    envelope : callable (opd_lo, opd_hi) → largest |G| there, e.g. :func:`cgi_wave.fringes.envelope.max_envelope`
+    envelope : callable on arrays (opd_lo, opd_hi) → largest |G| between them, as
+        :func:`cgi_wave.scene.coherence.coherence_envelope` returns it
     nma : expected nominal NMA (its smallest value over the zone keeps the bound a bound)
     cross_family : False leaves out pairs of ghosts of different families whatever their bound, which is reported
     Powers of the beams themselves are never left out here: they belong to the baseline in full.
@@ -122,22 +123,22 @@ def plan_pairs(
     kept: list[PlannedPair] = []
     skipped: list[PlannedPair] = []
     left_out: list[LeftOut] = []
-    for m in range(len(labels)):
-        for l in range(m + 1, len(labels)):  # noqa: E741
-            kind = _kind(m, l, family)
-            low, high, gamma = float(opd_lo[m, l]), float(opd_hi[m, l]), float(gamma_max[m, l])
-            top = envelope(low, high)
-            args = (float(transmission[m]), float(transmission[l]), gamma, top, t1, t2)
-            pair = PlannedPair(
-                m, l, kind, modulation_bound(*args, nma), baseline_bound(*args), gamma, top, low, high
-            )
-            if kind == "nominal" or (pair.modulation > tolerance and (cross_family or kind != "cross-family")):
-                kept.append(pair)
-                continue
-            skipped.append(pair)
-            reason = f"bound {pair.modulation:.2e} of M, tolerance {tolerance:g}"
-            left_out.append(LeftOut(m, l, pair.modulation, "cross-family pairs switched off; " * (
-                pair.modulation > tolerance) + reason))  # fmt: skip
+    upper = np.triu_indices(len(labels), 1)
+    tops = envelope(opd_lo[upper], opd_hi[upper])
+    for m, l, top in zip(*map(np.ndarray.tolist, (*upper, tops)), strict=True):  # noqa: E741
+        kind = _kind(m, l, family)
+        args = (float(transmission[m]), float(transmission[l]), float(gamma_max[m, l]), top, t1, t2)
+        pair = PlannedPair(
+            m, l, kind, modulation_bound(*args, nma), baseline_bound(*args),
+            float(gamma_max[m, l]), top, float(opd_lo[m, l]), float(opd_hi[m, l]),
+        )  # fmt: skip
+        if kind == "nominal" or (pair.modulation > tolerance and (cross_family or kind != "cross-family")):
+            kept.append(pair)
+            continue
+        skipped.append(pair)
+        switched = "cross-family pairs switched off; " if pair.modulation > tolerance else ""
+        reason = f"{switched}bound {pair.modulation:.2e} of M, tolerance {tolerance:g}"
+        left_out.append(LeftOut(m, l, pair.modulation, reason))
     kept.sort(key=lambda pair: -pair.modulation)
     skipped.sort(key=lambda pair: -pair.modulation)
     return PairPlan(

@@ -263,13 +263,14 @@ def _row_nodes(detuning: Array, slope: Array, y_m: Array) -> tuple[Array, float]
     """
     half = 0.5 * float(y_m[-1] - y_m[0])
     bandwidth = 2.0 * np.pi * float(np.abs(detuning).max()) * float(np.abs(slope).max()) * half
-    count = chebyshev.degree_for(bandwidth)
-    if len(y_m) <= count:
-        return y_m, 0.0
     if bandwidth == 0.0:
         return chebyshev.nodes(1, y_m[0], y_m[-1]), 0.0
+    count = np.arange(1 + int(bandwidth), 40 + int(3.0 * bandwidth))  # from where the bound's series falls
     bound = 8.0 * np.exp(count * np.log(0.5 * bandwidth) - gammaln(count + 1.0))
-    return chebyshev.nodes(count, y_m[0], y_m[-1]), float(bound)
+    first = int(np.flatnonzero(bound < 1e-13)[0])
+    if len(y_m) <= count[first]:
+        return y_m, 0.0
+    return chebyshev.nodes(int(count[first]), y_m[0], y_m[-1]), float(bound[first])
 
 
 def _check(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_height_m: float) -> None:

@@ -6,15 +6,18 @@ import pytest
 from cgi_wave.budget.plan import baseline_bound, modulation_bound, plan_pairs
 from cgi_wave.errors import InputError
 from cgi_wave.fringes.coherency import Coherency, Pair
-from cgi_wave.fringes.envelope import max_envelope
 from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.psi import synthesise
+from cgi_wave.scene.coherence import coherence_envelope
+from cgi_wave.scene.filters import Filter
+from cgi_wave.scene.spectrum import Spectrum
 
 SIGMA0 = 1.0 / 0.764e-6
 ROWS = (np.arange(450) - 224.5) * 15e-6
 SLOPE = 1.0 / (SIGMA0 * 0.675e-3)
-SIGMA = SIGMA0 + np.linspace(-9e3, 9e3, 4001)
-WEIGHT = np.exp(-4 * np.log(2) * ((SIGMA - SIGMA0) / 4.45e3) ** 2)
+SIGMA = SIGMA0 + np.linspace(-15e3, 15e3, 4001)
+FILTER = Filter(0.764e-6, 2.6e-9)
+WEIGHT = FILTER.transmission(SIGMA)
 
 
 def scene(seed=7, ghosts=9):
@@ -34,8 +37,9 @@ def planned(tolerance, cross_family=True):
     t, family, opd, slope, gamma = scene()
     reach = np.abs(slope) * ROWS.max()
     labels = tuple(f"beam {i}" for i in range(len(t)))
+    envelope = coherence_envelope(Spectrum(SIGMA, np.ones_like(SIGMA), "flat"), FILTER)
     nma = float(np.exp(-((np.pi * 4.45e3 * 1.1e-4) ** 2) / (4 * np.log(2))))
-    return plan_pairs(labels, t, family, opd - reach, opd + reach, gamma, max_envelope(SIGMA, WEIGHT), nma, tolerance,
+    return plan_pairs(labels, t, family, opd - reach, opd + reach, gamma, envelope, nma, tolerance,
                       cross_family)  # fmt: skip
 
 
@@ -91,9 +95,7 @@ def test_cross_family_pairs_can_be_switched_off_but_not_hidden():
     crossing = [p for p in whole.kept if p.kind == "cross-family"]
     assert crossing
     assert not [p for p in short.kept if p.kind == "cross-family"]
-    assert short.left_out_modulation == pytest.approx(
-        whole.left_out_modulation + sum(p.modulation for p in crossing)
-    )
+    assert short.left_out_modulation == pytest.approx(whole.left_out_modulation + sum(p.modulation for p in crossing))
     assert sum("switched off" in out.reason for out in short.left_out) == len(crossing)
 
 
@@ -121,4 +123,4 @@ def test_refuses_what_is_no_bound(broken):
     if broken == "shape":
         family = family[:-1]
     with pytest.raises(InputError):
-        plan_pairs(tuple("abcdefghijk"), t, family, lo, opd + 1e-6, gamma, lambda a, b: 1.0, 0.3, tolerance)
+        plan_pairs(tuple("abcdefghijk"), t, family, lo, opd + 1e-6, gamma, lambda a, b: np.ones_like(a), 0.3, tolerance)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import j1
 from fringe_scenes import PERIOD, PITCH, ROWS, SIGMA0, SLOPE, coherency, pair, retro_family
+from scipy.special import j1
 
 from cgi_wave.errors import MethodLimitError
 from cgi_wave.fringes import chebyshev

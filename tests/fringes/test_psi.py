@@ -21,7 +21,7 @@ def lines_spectrum(samples=20_000, seed=1):
     depth = np.zeros(samples)
     for centre in rng.uniform(sigma[0], sigma[-1], 60):
         depth += rng.uniform(0.5, 3.0) / (1.0 + ((sigma - centre) / 10.0) ** 2)
-    return sigma, np.exp(-depth) * np.exp(-((sigma - SIGMA0) / 3.5e3) ** 2)
+    return sigma, np.exp(-depth) * np.exp(-(((sigma - SIGMA0) / 3.5e3) ** 2))
 
 
 def random_coherency(ghosts=8, seed=2, nodes=9):
@@ -45,9 +45,7 @@ def test_equals_the_direct_sum_of_every_term():
     psi = synthesise(coh, sigma, weight, ROWS, row_height_m=PITCH)
     for book in (psi.nominal, psi.paper, psi.coherent):
         power = coh.transmission[:2].sum() if book.bookkeeping == "nominal" else coh.transmission.sum()
-        oracle = power + direct_sum(
-            coh, sigma, weight, y, PITCH, lambda p, b=book.bookkeeping: belongs(p.m, p.l, b)
-        )
+        oracle = power + direct_sum(coh, sigma, weight, y, PITCH, lambda p, b=book.bookkeeping: belongs(p.m, p.l, b))
         worst = np.abs(book.irradiance[::30] - oracle).max()
         assert worst < 1e-9 * psi.nominal.irradiance.mean()
         assert worst < book.numerical_error < 1e-7
@@ -121,7 +119,7 @@ def test_single_wavenumber_and_row_integration():
 
 def test_row_integration_is_the_mean_over_the_row_for_a_broad_band():
     sigma = SIGMA0 + np.linspace(-2e5, 2e5, 801)
-    weight = np.exp(-((sigma - SIGMA0) / 5e4) ** 2)
+    weight = np.exp(-(((sigma - SIGMA0) / 5e4) ** 2))
     height = 0.3e-3
     whole = synthesise(two_beams(3e-6), sigma, weight, np.array([0.1e-3]), row_height_m=height)
     x, w = np.polynomial.legendre.leggauss(40)
@@ -149,7 +147,7 @@ def test_sampling_error_covers_the_grid():
 
     def on(samples):
         sigma = SIGMA0 + np.linspace(-6e3, 6e3, samples)
-        return synthesise(coh, sigma, np.exp(-((sigma - SIGMA0) / 3e3) ** 2) / (1 + ((sigma - SIGMA0) / 70) ** 2), y)
+        return synthesise(coh, sigma, np.exp(-(((sigma - SIGMA0) / 3e3) ** 2)) / (1 + ((sigma - SIGMA0) / 70) ** 2), y)
 
     fine, coarse = on(24_001).nominal, on(161).nominal
     assert 1e-4 < np.abs(coarse.irradiance - fine.irradiance).max() < coarse.error
@@ -171,7 +169,7 @@ def test_book_keepings_count_their_pairs():
 
 def test_refuses_a_spectral_step_that_would_alias():
     sigma = SIGMA0 + np.linspace(-5e3, 5e3, 101)
-    weight = np.exp(-((sigma - SIGMA0) / 1e3) ** 2)
+    weight = np.exp(-(((sigma - SIGMA0) / 1e3) ** 2))
     limit = 1.0 / (4.0 * 100.0)
     synthesise(two_beams(0.9 * limit), sigma, weight, ROWS)
     with pytest.raises(MethodLimitError, match=r"1/\(4 OPD\)") as caught:
@@ -185,7 +183,7 @@ def test_step_limit_takes_the_group_opd():
     coh = coherency([0.25, 0.25], [0, 0], [Pair(0, 1, at, np.ones(5, complex), np.zeros(5), opd, SLOPE, "")])
     sigma = SIGMA0 + np.arange(-5e3, 5e3, 1.0 / (4 * 2e-3))
     with pytest.raises(MethodLimitError):
-        synthesise(coh, sigma, np.exp(-((sigma - SIGMA0) / 1e3) ** 2), ROWS)
+        synthesise(coh, sigma, np.exp(-(((sigma - SIGMA0) / 1e3) ** 2)), ROWS)
 
 
 def test_refuses_contrasts_that_miss_the_spectrum():
@@ -193,11 +191,11 @@ def test_refuses_contrasts_that_miss_the_spectrum():
     coh = coherency([0.25, 0.25], [0, 0], [pair(0, 1, 1.0, 1e-4, SLOPE, sigma=at)])
     sigma = SIGMA0 + np.linspace(-8e3, 8e3, 3001)
     with pytest.raises(MethodLimitError, match="outside the pairs' range"):
-        synthesise(coh, sigma, np.exp(-((sigma - SIGMA0) / 3e3) ** 2), ROWS)
+        synthesise(coh, sigma, np.exp(-(((sigma - SIGMA0) / 3e3) ** 2)), ROWS)
     # a tail of 2e-6 is let go, and the error says so
-    psi = synthesise(coh, sigma, np.exp(-((sigma - SIGMA0) / 0.6e3) ** 2), ROWS)
+    psi = synthesise(coh, sigma, np.exp(-(((sigma - SIGMA0) / 0.6e3) ** 2)), ROWS)
     assert 1e-6 < psi.nominal.numerical_error < 1e-5
-    whole = synthesise(two_beams(1e-4), sigma, np.exp(-((sigma - SIGMA0) / 0.6e3) ** 2), ROWS)
+    whole = synthesise(two_beams(1e-4), sigma, np.exp(-(((sigma - SIGMA0) / 0.6e3) ** 2)), ROWS)
     assert np.abs(whole.nominal.irradiance - psi.nominal.irradiance).max() <= psi.nominal.error
 
 
