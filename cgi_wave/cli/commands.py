@@ -1,0 +1,204 @@
+"""The commands. Each checks what it was given, opens its output, computes, and hands a document to the report floor.
+
+Heavy imports stand inside the functions. While a command computes, anything printed goes to standard error.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from cgi_wave.errors import InputError
+
+if TYPE_CHECKING:
+    from cgi_wave.analysis import Analysis
+
+TOLERANCE = 1e-4
+"""Default bound, relative to the nominal modulation, below which a pair of beams is left out."""
+
+PICTURES = (".png", ".svg", ".pdf")
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def _instrument(function: Command) -> Command:
+    text = "Instrument file (TOML); the reference instrument if not given."
+    return click.option("--instrument", metavar="FILE", help=text)(function)
+
+
+def _tolerance(function: Command) -> Command:
+    text = "Leave out pairs of beams that can change the modulation by less than this part of it."
+    return click.option("--tolerance", type=float, default=TOLERANCE, show_default=True, metavar="T", help=text)(
+        function
+    )
+
+
+def _json(function: Command) -> Command:
+    return click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")(function)
+
+
+@click.command()
+@click.argument("bands", nargs=-1, metavar="[BAND]...")
+@click.option("--out", default="out", show_default=True, metavar="DIR", help="Folder for the results.")
+@_tolerance
+@_instrument
+@_json
+def run(bands: tuple[str, ...], out: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
+    """The main job: ghosts, contrasts, interferograms, Table 1, pictures.
+
+    Without a BAND, all bands of the instrument. Writes summary.json, the ghost tables, the pictures and index.html.
+    """
+    from cgi_wave.report import output
+
+    with output.whole_folder(out) as stage:
+        with _computing():
+            result, provenance = _analyse(list(bands), instrument, tolerance)
+            from cgi_wave.analysis import layout
+            from cgi_wave.report import build
+
+            _progress("writing the report")
+            summary = build.write(result, layout(next(iter(result.bands)), instrument), provenance, stage)
+    if as_json:
+        click.echo(output.to_json(summary))
+    else:
+        click.echo(build.run_text(result, Path(out)))
+
+
+@click.command()
+@click.argument("band")
+@click.option("--out", metavar="FILE", help="Write the table as .csv, .nc (NetCDF) or .mat.")
+@_tolerance
+@_instrument
+@_json
+def ghosts(band: str, out: str | None, tolerance: float, instrument: str | None, as_json: bool) -> None:
+    """The ghosts of BAND: path, power, spot size, OPD, contrast with its error bound, and Eq. 4 beside it."""
+    from cgi_wave.report import output, tables
+
+    suffix = tables.check_suffix(Path(out).suffix) if out else ""
+    with output.whole_file(out) if out else nullcontext() as file:
+        with _computing():
+            result, provenance = _analyse([band], instrument, tolerance)
+            rows = result.bands[band].ghosts
+        if file:
+            tables.write_ghosts(file, rows, provenance, suffix)
+    from cgi_wave.report import build
+
+    if as_json:
+        click.echo(output.to_json({"band": band, "ghosts": rows, "provenance": provenance}))
+    elif not out:
+        click.echo(build.ghosts_text(rows))
+
+
+@click.command()
+@click.argument("band")
+@_tolerance
+@_instrument
+@_json
+def psi(band: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
+    """The interferogram of BAND at its first field point, without and with stray light: I(OPD), M, B and NMA."""
+    with _computing():
+        result, provenance = _analyse([band], instrument, tolerance)
+    from cgi_wave.report import build, output
+
+    document = build.psi_document(result.bands[band])
+    if as_json:
+        click.echo(output.to_json({"band": band, **document, "provenance": provenance}))
+    else:
+        click.echo(build.psi_text(document))
+
+
+@click.command()
+@click.argument("band")
+@_tolerance
+@_instrument
+@_json
+def plan(band: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
+    """What is modelled for BAND at a tolerance, by which method, what is left out, and the bound of that."""
+    with _computing():
+        result, provenance = _analyse([band], instrument, tolerance)
+    text = str(result.bands[band].plan)
+    if as_json:
+        from cgi_wave.report import output
+
+        click.echo(
+            output.to_json({"band": band, "tolerance": tolerance, "plan": text.splitlines(), "provenance": provenance})
+        )
+    else:
+        click.echo(text)
+
+
+@click.command()
+@click.argument("band", required=False)
+@click.option("--out", default="layout.png", show_default=True, metavar="FILE", help="Picture: .png, .svg or .pdf.")
+@_instrument
+@_json
+def draw(band: str | None, out: str, instrument: str | None, as_json: bool) -> None:
+    """Draw the instrument with the rays of BAND (the first band if not given)."""
+    from cgi_wave.report import output
+
+    suffix = Path(out).suffix.lower()
+    if suffix not in PICTURES:
+        remedy = f"end the file's name in one of {', '.join(PICTURES)}"
+        raise InputError("command line", "--out", out, "is not a format for pictures", remedy)
+    with output.whole_file(out) as file:
+        with _computing():
+            from cgi_wave import analysis
+            from cgi_wave.report import plots
+
+            (chosen, *_) = _check_bands([band] if band else [], instrument)
+            layout = analysis.layout(chosen, instrument)
+            plots.figure(plots.plot_layout, layout, (11.0, 5.0)).savefig(file, format=suffix[1:], dpi=200)
+    if as_json:
+        click.echo(output.to_json({"band": chosen, "file": out}))
+    else:
+        click.echo(out)
+
+
+COMMANDS = (run, ghosts, psi, plan, draw)
+
+
+def _analyse(bands: list[str], instrument: str | None, tolerance: float) -> tuple[Analysis, dict[str, Any]]:
+    """The analysis and its provenance, after the checks that need no computation."""
+    if not 0.0 < tolerance < 1.0:  # also refuses NaN
+        remedy = f"give a number above 0 and below 1, such as {TOLERANCE:g}"
+        raise InputError("command line", "--tolerance", tolerance, "bounds nothing", remedy)
+    bands = _check_bands(bands, instrument)
+    from cgi_wave import analysis
+    from cgi_wave.report import output
+
+    result = analysis.analyse(bands, instrument, tolerance, _progress)
+    options = {"bands": bands, "instrument": instrument, "tolerance": tolerance}
+    made = output.provenance(result.instrument_name, result.instrument_hash, options)
+    return result, made | result.provenance
+
+
+def _check_bands(bands: Sequence[str], instrument: str | None) -> list[str]:
+    """The bands asked for, each once and in that order; all of the instrument's if none is."""
+    from cgi_wave import analysis
+
+    known = list(analysis.list_bands(instrument))
+    for band in bands:
+        if band not in known:
+            raise InputError(
+                "command line", "BAND", band, "the instrument has no such band", f"use {' or '.join(known)}"
+            )
+    return list(dict.fromkeys(bands)) or known
+
+
+@contextmanager
+def _computing() -> Iterator[None]:
+    """Standard output is for the result: what libraries print goes to standard error."""
+    output, sys.stdout = sys.stdout, sys.stderr
+    try:
+        yield
+    finally:
+        sys.stdout = output
+
+
+def _progress(message: str) -> None:
+    click.echo(message, err=True)
