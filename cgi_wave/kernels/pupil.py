@@ -231,11 +231,12 @@ def _warp(t, left, right):
 
 
 @njit(cache=True, nogil=True)
-def angle_panels(clear, ellipses, phase, tilt, span, tangent, cycles, turn, limit):
+def angle_panels(clear, ellipses, phase, tilt, span, tangent, cycles, turn, extra, limit):
     """Panel breakpoints in t for the segment span = (theta0, theta1), of even phase variation and turning.
 
     phase (P, n, n) in cycles; tilt is an extra phase rate in cycles per unit length that the caller will add;
-    cycles and turn (rad) are what one panel may hold. Returns the breakpoints, or an array of one element that holds
+    cycles and turn (rad) are what one panel may hold; extra panels are added to that, so that two levels never share
+    a quadrature (a nearly tangent boundary is not seen by either measure). Returns the breakpoints, or an array of one element that holds
     the number needed when that exceeds `limit`.
     """
     width = span[1] - span[0]
@@ -271,7 +272,7 @@ def angle_panels(clear, ellipses, phase, tilt, span, tangent, cycles, turn, limi
         arc = width / (points + 1)
         total[i] = (total[i - 1] if i else 0.0) + worst / cycles + (bend + arc) / turn
         count_before = count
-    needed = max(1.0, math.ceil(total[points]))
+    needed = max(1.0, math.ceil(total[points])) + extra
     if needed > limit:
         return np.full(1, needed)
     panels = int(needed)

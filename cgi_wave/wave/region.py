@@ -184,7 +184,7 @@ def build(region: Region, steering: Array, tilt: float, level: int) -> Quadratur
     limit = NODE_CAP // pupil.GAUSS**2
     for span, tangent in _segments(region, level):
         breaks = pupil.angle_panels(
-            region.clearance, region.ellipses, steering, tilt, span, tangent, cycles, turn, limit
+            region.clearance, region.ellipses, steering, tilt, span, tangent, cycles, turn, level, limit
         )
         if breaks.size == 1:
             raise _refuse(float(breaks[0]) ** 2 * pupil.GAUSS**2, spread(region, steering))
