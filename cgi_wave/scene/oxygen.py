@@ -23,9 +23,9 @@ _LAMBDA, _LAMBDA_D, _LAMBDA_H = 59501.3438 * _MHZ, 58.3680e-3 * _MHZ, 290.8e-9 *
 _GAMMA, _GAMMA_D, _GAMMA_H = -252.58634 * _MHZ, -243.42e-6 * _MHZ, -1.46e-9 * _MHZ
 
 # b¹Σg⁺, v = 0: term value above the zero of the Hamiltonian below, B′, D′, H′. Least squares, made for this module,
-# over the upper term values J′ ≤ 30 that the positions of Drouin et al., JQSRT 186, 118 (2017) give with the X constants
-# above (largest residual 2e-4 cm⁻¹). The four numbers are therefore no independent check of those positions; the lower
-# term values, branch separations and intensities are.
+# over the upper term values J′ ≤ 30 that the positions of Drouin et al., JQSRT 186, 118 (2017) give with the constants
+# of X above (largest residual 2e-4 cm⁻¹). These four are no independent check of those positions; the lower terms, the
+# separations of the branches and the intensities are.
 _T_B, _B_B, _D_B, _H_B = 13122.25190e2, 1.39124764e2, 5.36341e-4, -7.174e-10
 
 # Integrated band intensity at 296 K, 2.231(7)e-22 cm/molecule of ¹⁶O2: Long et al., JQSRT 111, 2021 (2010).
