@@ -150,7 +150,8 @@ def _window(psi: Psi) -> tuple[NDArray[np.bool_], Array, Array, int]:
             "reduce the OPD slope or the row pitch",
         )
     extent = float(psi.y_m[-1] - psi.y_m[0]) + pitch
-    fringes = int(np.floor(frequency * extent * (1.0 + 1e-9)))
+    # one row short is whole enough: a zone laid out for ten fringes at the filter's centre, seen at the centroid of w
+    fringes = int(np.floor(frequency * (extent + pitch) * (1.0 + 1e-9)))
     if fringes < 1 or len(psi.y_m) < MIN_ROWS:
         raise MethodLimitError(
             METHOD,

@@ -131,6 +131,15 @@ def test_recovers_known_terms_with_drift_and_second_harmonic(rows):
     assert ghost.nma_error_linear.value == pytest.approx(0.03 + 0.004 / 0.21, rel=1e-10)
 
 
+def test_a_row_short_of_ten_fringes_still_counts_ten():
+    theta = 2.0 * np.pi * ROWS / PERIOD
+    curve = 0.5 + 0.2 * np.cos(theta)
+    for rows, fringes in [(450, 10), (449, 10), (447, 9)]:
+        fit = retrieve(made(curve[:rows], curve[:rows], ROWS[:rows])).nominal
+        assert fit.fringes == fringes
+        assert fit.modulation.value == pytest.approx(0.2, rel=1e-12)
+
+
 def test_error_bars_hold_for_the_worst_disturbance_and_are_not_idle():
     theta = 2.0 * np.pi * ROWS / PERIOD
     nominal = 0.5 + 0.2 * np.cos(theta)
@@ -144,6 +153,10 @@ def test_error_bars_hold_for_the_worst_disturbance_and_are_not_idle():
     error = clean.parasitic_over_modulation.error
     assert 0.95 * error < shift <= error * (1 + 1e-9)
     assert abs(moved.nma_error.value - clean.nma_error.value) <= clean.nma_error.error
+    # the nominal pair stands in both curves: its error weighs on M* only as a scale, on M in full
+    shared = retrieve(made(nominal, nominal + ghosts, error=1e-3, ghost_error=bound))
+    assert shared.coherent.parasitic_over_modulation.error < 1.2 * error
+    assert shared.nominal.modulation.error == pytest.approx(1e-3 * 4.0 / np.pi, rel=1e-2)
     # noise of the residual: the standard error covers the shift in about two thirds of the draws
     rng = np.random.default_rng(5)
     hits = 0
