@@ -11,7 +11,10 @@ if TYPE_CHECKING:
 
 
 def plot_psi(result: Psi, ax: Axes | None = None) -> Axes:
-    """Nominal, with-stray-light and parasitic interferogram against the nominal OPD in mm; returns the Axes."""
+    """Nominal and with-stray-light interferogram against the nominal OPD in mm; returns the Axes.
+
+    The parasitic part of both book-keepings, a hundred times smaller, has an axis of its own on the right.
+    """
     if ax is None:
         import matplotlib.pyplot as plt
 
@@ -20,12 +23,17 @@ def plot_psi(result: Psi, ax: Axes | None = None) -> Axes:
     nominal = result.nominal.irradiance
     ax.plot(opd_mm, nominal, color="C0", label="nominal")
     ax.plot(opd_mm, result.coherent.irradiance, color="C3", label="with stray light")
-    ax.plot(opd_mm, result.coherent.irradiance - nominal, color="C1", label="parasitic part, coherent")
-    ax.plot(
-        opd_mm, result.paper.irradiance - nominal, color="C2", ls="--", label="parasitic part, ghost–nominal pairs only"
-    )
     ax.set_xlabel("OPD of the nominal beams (mm)")
     ax.set_ylabel("irradiance / input (dimensionless)")
     ax.ticklabel_format(axis="x", useOffset=False)
-    ax.legend(loc="center right")
+    right = ax.twinx()
+    right.plot(opd_mm, result.coherent.irradiance - nominal, color="C1", lw=1.0, label="parasitic, all pairs (right)")
+    right.plot(
+        opd_mm, result.paper.irradiance - nominal, color="C2", lw=1.0, ls="--",
+        label="parasitic, ghost–nominal pairs only (right)",
+    )  # fmt: skip
+    right.set_ylabel("parasitic part / input (dimensionless)")
+    lines = [*ax.get_lines(), *right.get_lines()]
+    ax.legend(lines, [str(line.get_label()) for line in lines], loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2,
+              frameon=False)  # fmt: skip
     return ax

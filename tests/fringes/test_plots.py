@@ -20,4 +20,9 @@ def test_plot_psi_draws_what_it_is_given():
     np.testing.assert_array_equal(lines[0].get_xdata(), psi.opd_m * 1e3)
     np.testing.assert_array_equal(lines[0].get_ydata(), psi.nominal.irradiance)
     np.testing.assert_array_equal(lines[1].get_ydata(), psi.coherent.irradiance)
+    (right,) = [other for other in ax.figure.axes if other is not ax]
+    assert right.get_ylabel()
+    for line, book in zip(right.get_lines(), (psi.coherent, psi.paper), strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), book.irradiance - psi.nominal.irradiance)
+    assert len(ax.get_legend().get_texts()) == 4
     assert plot_psi(psi, ax) is ax
