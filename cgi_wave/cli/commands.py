@@ -49,9 +49,9 @@ def _json(function: Command) -> Command:
 @_instrument
 @_json
 def run(bands: tuple[str, ...], out: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
-    """The main job: ghosts, contrasts, interferograms, Table 1, pictures.
+    """Do the main job: from the instrument to Table 1.
 
-    Without a BAND, all bands of the instrument. Writes summary.json, the ghost tables, the pictures and index.html.
+    Finds the ghosts, their contrasts, the interferograms, Table 1 and the pictures. Without a BAND, all bands of the instrument. Writes summary.json, the ghost tables, the pictures and index.html.
     """
     from cgi_wave.report import output
 
@@ -76,7 +76,10 @@ def run(bands: tuple[str, ...], out: str, tolerance: float, instrument: str | No
 @_instrument
 @_json
 def ghosts(band: str, out: str | None, tolerance: float, instrument: str | None, as_json: bool) -> None:
-    """The ghosts of BAND: path, power, spot size, OPD, contrast with its error bound, and Eq. 4 beside it."""
+    """List the ghosts of BAND.
+
+    Path, power, spot size, OPD, contrast with its error bound, and Eq. 4 beside it.
+    """
     from cgi_wave.report import output, tables
 
     suffix = tables.check_suffix(Path(out).suffix) if out else ""
@@ -100,7 +103,10 @@ def ghosts(band: str, out: str | None, tolerance: float, instrument: str | None,
 @_instrument
 @_json
 def psi(band: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
-    """The interferogram of BAND at its first field point, without and with stray light: I(OPD), M, B and NMA."""
+    """Give the interferogram of BAND.
+
+    At the first field point, without and with stray light: irradiance along the OPD, M, B and NMA.
+    """
     with _computing():
         result, provenance = _analyse([band], instrument, tolerance)
     from cgi_wave.report import build, output
@@ -118,7 +124,10 @@ def psi(band: str, tolerance: float, instrument: str | None, as_json: bool) -> N
 @_instrument
 @_json
 def plan(band: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
-    """What is modelled for BAND at a tolerance, by which method, what is left out, and the bound of that."""
+    """Show what is modelled for BAND at a tolerance.
+
+    Which pairs of beams, by which method, what is left out, and the bound of that.
+    """
     with _computing():
         result, provenance = _analyse([band], instrument, tolerance)
     text = str(result.bands[band].plan)
@@ -138,7 +147,10 @@ def plan(band: str, tolerance: float, instrument: str | None, as_json: bool) -> 
 @_instrument
 @_json
 def draw(band: str | None, out: str, instrument: str | None, as_json: bool) -> None:
-    """Draw the instrument with the rays of BAND (the first band if not given)."""
+    """Draw the instrument with rays.
+
+    The rays are those of BAND, the first band of the instrument if not given.
+    """
     from cgi_wave.report import output
 
     suffix = Path(out).suffix.lower()

@@ -11,6 +11,7 @@ from cgi_wave.budget.table1 import table1
 from cgi_wave.fringes.coherency import Coherency, Pair
 from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.psi import synthesise
+from cgi_wave.report import build
 
 GHOST = {
     "path": "filter.front > detector",
@@ -82,7 +83,8 @@ def fields():
 
 @pytest.fixture
 def analysis(monkeypatch, fields):
-    """The stand-in module; a test may replace ``analyse`` in it."""
+    """The stand-in module; a test may replace ``analyse`` in it. Pictures are coarse, to be quick."""
+    monkeypatch.setattr(build, "DPI", 10)
     module = ModuleType("cgi_wave.analysis")
     module.list_bands = lambda instrument: ["NIR", "VIS"]
 
