@@ -236,11 +236,11 @@ def angle_panels(clear, ellipses, phase, tilt, span, tangent, cycles, turn, extr
 
     phase (P, n, n) in cycles; tilt is an extra phase rate in cycles per unit length that the caller will add;
     cycles and turn (rad) are what one panel may hold; extra panels are added to that, so that two levels never share
-    a quadrature (a nearly tangent boundary is not seen by either measure). Returns the breakpoints, or an array of one element that holds
-    the number needed when that exceeds `limit`.
+    a quadrature (a nearly tangent boundary is not seen by either measure). Returns the breakpoints, or an array of
+    one element that holds the number needed when that exceeds `limit`.
     """
     width = span[1] - span[0]
-    points = 12 + int(math.ceil(96.0 * width / (2.0 * math.pi)))
+    points = 12 + math.ceil(96.0 * width / (2.0 * math.pi))
     ends, which = np.empty((_MAX_INTERVALS, 2)), np.empty((_MAX_INTERVALS, 2), np.int64)
     rays, n = phase.shape[0], phase.shape[1]
     poly = np.empty((rays, n))
@@ -331,7 +331,7 @@ def count_panels(rays, phase, tilt, cycles):
     for r in range(rays.shape[0]):
         _restrict(phase, rays[r, 0], poly)
         _variation(poly, tilt, rays[r, 2], rays[r, 3], total)
-        panels[r] = max(1, int(math.ceil(total[_RADIAL_SCAN - 1] / cycles)))
+        panels[r] = max(1, math.ceil(total[_RADIAL_SCAN - 1] / cycles))
     return panels
 
 
@@ -481,3 +481,67 @@ def list_nodes(rays, panels, steering, tilt):
             out[found, 0], out[found, 1], out[found, 2] = rho[j] * math.cos(theta), rho[j] * math.sin(theta), w[j]
             found += 1
     return out
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _dot(a, b):
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _subtract(a, factor, b):
+    for i in range(a.shape[0]):
+        a[i] -= factor * b[i]
+
+
+@njit(cache=True, nogil=True)
+def orthonormalise(rows):
+    """Rows (P, N) = rᵀ q with q (P, N) orthonormal and r (P, P) upper triangular: Gram-Schmidt, done twice.
+
+    A row that depends on the earlier ones gets q = 0 and r = 1 on the diagonal, hence a coefficient of 0. Any leading
+    part of the result is the result for that part: one call serves all degrees. (A library QR of this size spends its
+    time on waking threads.)
+    """
+    count = rows.shape[0]
+    q, r = rows.copy(), np.zeros((count, count))
+    for j in range(count):
+        before = math.sqrt(_dot(q[j], q[j]))
+        for _ in range(2):
+            for i in range(j):
+                d = _dot(q[i], q[j])
+                r[i, j] += d
+                _subtract(q[j], d, q[i])
+        norm = math.sqrt(_dot(q[j], q[j]))
+        if norm <= 1e-9 * before:
+            q[j, :] = 0.0
+            r[j, j] = 1.0
+        else:
+            r[j, j] = norm
+            for i in range(q.shape[1]):
+                q[j, i] /= norm
+    return q, r
+
+
+@njit(cache=True, nogil=True)
+def least_squares(q, r, values):
+    """Coefficients (Q, P) and leave-one-out misfits (Q, N) of values (Q, N) on rows = rᵀ q (see orthonormalise)."""
+    count, n = q.shape
+    share = np.ones(n)
+    for j in range(count):
+        for i in range(n):
+            share[i] -= q[j, i] * q[j, i]
+    coef, misfit = np.zeros((values.shape[0], count)), values.copy()
+    for v in range(values.shape[0]):
+        for j in range(count):
+            coef[v, j] = _dot(q[j], misfit[v])
+            _subtract(misfit[v], coef[v, j], q[j])
+        for j in range(count - 1, -1, -1):
+            coef[v, j] /= r[j, j]
+            for i in range(j):
+                coef[v, i] -= r[i, j] * coef[v, j]
+        for i in range(n):
+            misfit[v, i] /= max(share[i], 1e-6)
+    return coef, misfit

@@ -15,10 +15,9 @@ Array = NDArray[np.float64]
 
 
 def total_degree_terms(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices (i, j) of the terms with i + j < n, as two arrays of length n (n + 1) / 2."""
-    i, j = np.indices((n, n))
-    keep = i + j < n
-    return i[keep], j[keep]
+    """Indices (i, j) of the terms with i + j < n, lowest total degree first: two arrays of length n (n + 1) / 2."""
+    pairs = np.array([(i, d - i) for d in range(n) for i in range(d + 1)])
+    return pairs[:, 0], pairs[:, 1]
 
 
 def vandermonde(x: Array, n: int) -> Array:
@@ -57,7 +56,7 @@ def _affine_powers(shift: float, stretch: float, n: int) -> Array:
 
 
 def expand(coef: Array, centre: Array, scale: Array, pivot: Array, frame: Array, n: int) -> Array:
-    """Monomial coefficients (..., n, n) about ``pivot`` in units ``frame`` of Chebyshev products (..., k, k), k <= n."""
+    """Powers (..., n, n) about ``pivot`` in units ``frame`` of Chebyshev products (..., k, k), k <= n; exact."""
     k = coef.shape[-1]
     powers = [_affine_powers((pivot[a] - centre[a]) / scale[a], frame[a] / scale[a], k) for a in (0, 1)]
     out = np.zeros((*coef.shape[:-2], n, n))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
+from cgi_wave.kernels import pupil
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange, total_degree_terms, vandermonde
 from cgi_wave.wave.region import SAFETY, Region, Support, find_region, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
@@ -87,16 +88,25 @@ class _Fit:
     misfit: Array
 
 
-def _fit(x: Array, values: Array, n: int) -> _Fit:
-    """Least squares of values (Q, N) at scaled points x (N, 2). Leave-one-out misfits come from the hat matrix."""
-    q, r = np.linalg.qr(vandermonde(x, n))
-    solution = np.linalg.solve(r, q.T @ values.T)
-    left = 1.0 - np.einsum("ni,ni->n", q, q)
-    misfit = (values - (q @ (q.T @ values.T)).T) / np.maximum(left, 1e-6)
-    coef = np.zeros((values.shape[0], n, n))
-    i, j = total_degree_terms(n)
-    coef[:, i, j] = solution.T
-    return _Fit(coef, misfit)
+@dataclass(frozen=True)
+class _Basis:
+    """Chebyshev products at the points of a fit, orthonormalised with the lowest degree first."""
+
+    q: Array
+    r: Array
+
+    @staticmethod
+    def at(x: Array, n: int) -> _Basis:
+        """For scaled points x (N, 2) and total degrees below n."""
+        return _Basis(*pupil.orthonormalise(np.ascontiguousarray(vandermonde(x, n).T)))
+
+    def fit(self, values: Array, n: int) -> _Fit:
+        """Least squares of values (Q, N) with total degrees below n; misfits by the hat matrix."""
+        i, j = total_degree_terms(n)
+        solution, misfit = pupil.least_squares(self.q[: i.size], self.r[: i.size, : i.size], values)
+        coef = np.zeros((values.shape[0], n, n))
+        coef[:, i, j] = solution
+        return _Fit(coef, misfit)
 
 
 def _check(samples: PupilSamples) -> None:
@@ -169,17 +179,17 @@ class _Trial:
     n: int
 
 
-def _try_degree(samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], n: int) -> _Trial:
-    """Fit everything with n terms per axis; x (S, N, 2) scaled, inside/lit (S, N)."""
+def _try_degree(
+    samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], bases: list[_Basis], n: int
+) -> _Trial:
+    """Fit everything with n terms per axis; x (S, N, 2) scaled, inside/lit (S, N), one basis per wavenumber."""
     s_count, middle = samples.sigma.size, samples.sigma.size // 2
     fits = []
     for s in range(s_count):
         values = np.array([samples.opl[s] - samples.opl[s].mean(), samples.amplitude[s]])[:, inside[s]]
-        fits.append(_fit(x[s][inside[s]], values, n))
-    shape = _fit(
-        x[middle][inside[middle]],
-        np.concatenate([samples.clearance[:, middle], samples.direction[middle].T])[:, inside[middle]],
-        n,
+        fits.append(bases[s].fit(values, n))
+    shape = bases[middle].fit(
+        np.concatenate([samples.clearance[:, middle], samples.direction[middle].T])[:, inside[middle]], n
     )
     clearances = samples.clearance.shape[0]
     clearance_misfit = np.abs(shape.misfit[:clearances]).max(axis=1)
@@ -204,24 +214,23 @@ def _choose(
 ) -> _Trial:
     """The first degree whose misfit is below TARGET, or the one with the least; only ``degree`` when given."""
     fewest = int(inside.sum(axis=1).min())
-    best: _Trial | None = None
-    for d in DEGREES if degree is None else (degree,):
-        terms = (d + 1) * (d + 2) // 2
-        if terms * OVERSAMPLING > fewest:
-            if best is None:
-                raise MethodLimitError(
-                    _METHOD,
-                    f"{samples.label}: {fewest} samples for the {terms} terms of degree {d}",
-                    terms * OVERSAMPLING / fewest,
-                    "trace more rays",
-                )
-            break
-        trial = _try_degree(samples, x, inside, lit, d + 1)
-        if best is None or trial.score < best.score:
-            best = trial
+    tried = DEGREES if degree is None else (degree,)
+    allowed = [d for d in tried if (d + 1) * (d + 2) // 2 * OVERSAMPLING <= fewest]
+    if not allowed:
+        terms = (tried[0] + 1) * (tried[0] + 2) // 2
+        raise MethodLimitError(
+            _METHOD,
+            f"{samples.label}: {fewest} samples for the {terms} terms of degree {tried[0]}",
+            terms * OVERSAMPLING / fewest,
+            "trace more rays",
+        )
+    bases = [_Basis.at(x[s][inside[s]], allowed[-1] + 1) for s in range(samples.sigma.size)]
+    best = _try_degree(samples, x, inside, lit, bases, allowed[0] + 1)
+    for d in allowed[1:]:
         if best.score < TARGET:
             break
-    assert best is not None
+        trial = _try_degree(samples, x, inside, lit, bases, d + 1)
+        best = trial if trial.score < best.score else best
     return best
 
 
@@ -311,7 +320,7 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
     x, n = (p - centre) / half, degree + 1
     if (degree + 1) * (degree + 2) / 2 * OVERSAMPLING > len(p):
         raise MethodLimitError(_METHOD, f"{label}: {len(p)} rays for a map of degree {degree}", 1.0, "trace more rays")
-    fit = _fit(x, q.T, n)
+    fit = _Basis.at(x, n).fit(np.ascontiguousarray(q.T), n)
     step = 1e-4
     along = [(at_points(fit.coef, x + d) - at_points(fit.coef, x - d)) / (2 * step * half) for d in step * np.eye(2)]
     det: Array = along[0][0] * along[1][1] - along[0][1] * along[1][0]
@@ -332,7 +341,9 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
     misfit = float(np.abs(fit.misfit).max() / max(float(np.ptp(q, axis=0).max()), 1e-300))
     if misfit > 0.01:
         raise MethodLimitError(
-            _METHOD, f"{label}: the map is described to {misfit:.2g} of its range (limit 0.01)", misfit / 0.01,
+            _METHOD,
+            f"{label}: the map is described to {misfit:.2g} of its range (limit 0.01)",
+            misfit / 0.01,
             "trace more rays, or use the position-space field",
         )
     return det

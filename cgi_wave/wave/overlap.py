@@ -106,7 +106,7 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6) -> Ov
     pair = _pair(m, l, sigma, region)
     total = integrate(region, pair.phase, pair.a, pair.b, pair.steer, pair.norm, tol)
     raw = total.value / pair.norm
-    value = raw * np.exp(1j * (m.phase - l.phase))
+    value = (raw * np.exp(1j * (m.phase - l.phase))).astype(np.complex128)
     middle = sigma.size // 2
     weighted = abs(raw[middle]) > _TINY
     slope = (
@@ -118,9 +118,7 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6) -> Ov
     error = SAFETY * total.change / pair.norm + total.edge / pair.norm + fit + rounding
     pivot = (float(region.pivot[0]), float(region.pivot[1]))
     seconds = time.perf_counter() - started
-    return Overlap(
-        value, pair.opd_m, float(slope), bool(weighted), error, share, pivot, total.nodes, METHOD, seconds
-    )
+    return Overlap(value, pair.opd_m, float(slope), bool(weighted), error, share, pivot, total.nodes, METHOD, seconds)
 
 
 def _misfit(m: PupilField, l: PupilField, sigma: Array, cross: Array, size: Array, area: float) -> Array:  # noqa: E741

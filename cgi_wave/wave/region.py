@@ -118,8 +118,9 @@ def find_region(supports: Sequence[Support]) -> Region | None:
         i, j = np.nonzero(least > 0.0)
         step = np.array([x[1] - x[0], y[1] - y[0]])
         if i.size == 0:
-            i, j = np.unravel_index(np.argmax(least), least.shape)
-            lo, hi = np.array([x[i], y[j]]) - 6.0 * step, np.array([x[i], y[j]]) + 6.0 * step
+            row, column = np.unravel_index(np.argmax(least), least.shape)
+            best = np.array([x[row], y[column]])
+            lo, hi = best - 6.0 * step, best + 6.0 * step
             continue
         points = np.column_stack([x[i], y[j]])
         if i.size >= _GRID * _GRID // 5 or (i.max() - i.min() > _GRID // 2 and j.max() - j.min() > _GRID // 2):
@@ -223,7 +224,9 @@ def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, n
             if worst <= tol:
                 return Integral(
                     sums[:, 0] + 1j * sums[:, 1],
-                    *sums[:, 2:].T,
+                    sums[:, 2],
+                    sums[:, 3],
+                    sums[:, 4],
                     complex(weighted[0], weighted[1]),
                     float(weighted[2]),
                     float(weighted[3]),
