@@ -51,7 +51,8 @@ def _json(function: Command) -> Command:
 def run(bands: tuple[str, ...], out: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
     """Do the main job: from the instrument to Table 1.
 
-    Finds the ghosts, their contrasts, the interferograms, Table 1 and the pictures. Without a BAND, all bands of the instrument. Writes summary.json, the ghost tables, the pictures and index.html.
+    Finds the ghosts, their contrasts and what they do to the interferograms, and writes summary.json, the ghost tables,
+    the pictures and index.html. Without a BAND, all bands of the instrument.
     """
     from cgi_wave.report import output
 
