@@ -95,6 +95,7 @@ def test_envelope_beyond_the_grid_holds_and_does_not_repeat(oxygen):
     assert np.all(bound >= true - 1e-15)
     assert bound[np.argmin(np.abs(tau - 1 / step))] < 1e-3  # where the sampled sum is back at 1
     assert np.all(np.diff(bound[1:]) <= 0)
+    assert bound[-1] < 1e-6
 
 
 def test_envelope_takes_signs_and_arrays(oxygen):
