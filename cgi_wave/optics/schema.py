@@ -109,10 +109,11 @@ class InterferometerSpec(_Strict):
 
 
 class FilterSpec(_Strict):
-    """In-cone passband: Gaussian in wavelength, peak transmittance in the coating, not here."""
+    """In-cone passband as a function of wavelength; its peak transmittance stands in the coating, not here."""
 
     centre_nm: float
     fwhm_nm: float
+    shape: Literal["gaussian", "flat-top"] = "gaussian"
 
 
 class SpectrumSpec(_Strict):

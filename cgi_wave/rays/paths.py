@@ -29,7 +29,8 @@ class Path:
     order: parasitic reflections; splits: interactions beyond the nominal ones (level of ancestry; the splitter's own
     add none); arms: which interferometer arms are passed, in order; history: the parasitic interactions (paths that
     share it and differ in arms form a family); twin: number among paths of equal history and arms (a plate's face met
-    from inside on the way in, or between mirror and plate on the way out).
+    from inside on the way in, or between mirror and plate on the way out); estimate: power on the detector relative to
+    the nominal beams together, from the probes of the search (a few per cent; NaN for a path written by hand).
     """
 
     steps: tuple[Step, ...]
@@ -38,6 +39,7 @@ class Path:
     arms: tuple[int, ...]
     history: tuple[Step, ...]
     twin: int = 1
+    estimate: float = float("nan")
 
     def __str__(self) -> str:
         return " ".join(f"{name}:r" if act == "reflect" else name for name, act in self.steps)
@@ -137,14 +139,14 @@ def find_paths(
     first = search(0, 0, 1e-12)
     if len(first[0]) == 0:
         raise EmptyBeamError(f"{system.file}: band {system.band}: no nominal path reaches the detector")
-    input_power = float(np.sum(first[3]))
+    input_power, nominal_power = float(np.sum(first[3])), float(np.sum(first[3] * first[2]))
     paths, lengths, counts, powers, orders, splits, _, overflow = search(max_order, max_splits, min_power * input_power)
     if overflow:
         raise MethodLimitError("path search", f"{MAX_PATHS} paths or {MAX_DEPTH} surfaces", 1.0, "raise min_power or lower max_order")
     found: list[tuple[tuple[float, ...], Path]] = []
     for row, length, count, power in zip(paths, lengths, counts, powers, strict=True):
         steps: list[Step] = [(surfaces[s // 2].name, "reflect" if s % 2 == REFLECT else "transmit") for s in row[:length]]
-        path = make_path(system, steps)
+        path = replace(make_path(system, steps), estimate=float(power * count / nominal_power))
         key = (path.order, *path.arms) if path.order == 0 else (path.order, -power * count)
         found.append((key, path))
     ordered = [path for _, path in sorted(found, key=lambda item: (item[0], str(item[1])))]

@@ -244,7 +244,9 @@ def caustics(sequence: Sequence, p: Array, theta: Array, vary: str) -> int:
     ts = theta + (steps if vary == "theta" else 0 * steps)
     points, directions, _ = history(sequence, ps, ts)
     crossed = 0
-    for k in range(len(points) - 1):
+    # Planes make no caustic; before the first curved surface the only zero is the (imaged) pupil that was launched from.
+    powered = np.flatnonzero(sequence.curvature)
+    for k in range(powered[0] + 1 if len(powered) else len(points), len(points) - 1):
         chief = directions[k, 0]
         length = float((points[k + 1, 0] - points[k, 0]) @ chief)
         if abs(length) < 1e-12:

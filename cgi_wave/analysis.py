@@ -1,0 +1,174 @@
+"""The main job: from an instrument file to ghosts, contrasts, interferograms and Table 1, band by band."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.budget.fieldpoint import FieldPoint, field_point
+from cgi_wave.budget.ghosts import ghost_rows
+from cgi_wave.budget.pictures import psf_pictures, spot_pictures
+from cgi_wave.budget.pointsource import PointSource, point_source
+from cgi_wave.budget.table1 import table1
+from cgi_wave.errors import CgiWaveError
+from cgi_wave.fringes.coherency import Coherency
+from cgi_wave.fringes.nma import Retrieval, retrieve
+from cgi_wave.fringes.psi import Psi, synthesise
+from cgi_wave.optics.system import NM, Instrument, OpticalSystem, load_instrument
+from cgi_wave.rays.paths import Path, find_paths
+from cgi_wave.scene.coherence import coherence, coherence_envelope
+from cgi_wave.scene.filters import Filter
+from cgi_wave.scene.radiance import toa_radiance
+from cgi_wave.scene.spectrum import Spectrum
+from cgi_wave.scene.spectrum_file import load_spectrum
+
+Progress = Callable[[str], None]
+
+#: Ghosts below this power (of the nominal beams together) are left to the bound, as in the paper.
+POWER_FLOOR = 1e-5
+#: OPD up to which spectra are sampled and pairs computed, m. Beyond, the envelope is bounded instead.
+MAX_OPD = 0.1
+THREADS = 2
+
+
+@dataclass(frozen=True)
+class FieldResult:
+    """Everything at one field point (index; detector coordinates in m)."""
+
+    index: int
+    x_m: float
+    y_m: float
+    point: FieldPoint
+    source: PointSource
+    psi: Psi
+    retrieval: Retrieval
+    spots: Sequence[Mapping[str, Any]]
+    psfs: Sequence[Mapping[str, Any]]
+
+    @property
+    def coherency(self) -> Coherency:
+        """Powers and mutual coherence of the beams here."""
+        return self.point.coherency
+
+
+@dataclass(frozen=True)
+class BandResult:
+    """One band: its field points, Table 1's column, the ghost table (rows as in the command ``ghosts``), the plan."""
+
+    name: str
+    fields: tuple[FieldResult, ...]
+    table1: dict[str, Any]
+    ghosts: list[dict[str, Any]]
+    plan: str
+
+    @property
+    def ghost_count(self) -> int:
+        """Ghost paths in the table."""
+        return len(self.ghosts)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What ``analyse`` returns."""
+
+    bands: dict[str, BandResult]
+    instrument_name: str
+    instrument_hash: str
+    provenance: dict[str, Any]
+    seconds: float
+
+
+def list_bands(instrument: str | None = None) -> tuple[str, ...]:
+    """Names of the bands of an instrument file (the reference instrument if None). Raises InputError."""
+    return load_instrument(instrument).bands
+
+
+def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spectrum, Filter]:
+    """Radiance and filter of a band as its instrument file declares them. Raises InputError."""
+    spec = system.spec
+    band_filter = Filter(spec.filter.centre_nm * NM, spec.filter.fwhm_nm * NM, spec.filter.shape)
+    if spec.spectrum.kind == "file":
+        return load_spectrum(str(spec.spectrum.file), band_filter, max_opd), band_filter
+    radiance = toa_radiance(
+        spec.spectrum.kind, band_filter, max_opd, albedo=spec.spectrum.albedo, air_mass=spec.spectrum.air_mass
+    )
+    return radiance, band_filter
+
+
+def select_ghosts(paths: Sequence[Path], nma: float, tolerance: float) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Paths to trace and paths to leave to a bound.
+
+    Kept: the nominal ones, and ghosts above POWER_FLOOR or whose amplitude could matter against the nominal beams even
+    if they overlapped perfectly: √(t/t1)/NMA > tolerance with the smallest power that the search follows left out.
+    """
+    keep = tuple(p for p in paths if p.order == 0 or p.estimate > POWER_FLOOR)
+    return keep, tuple(p for p in paths if p not in set(keep))
+
+
+def analyse(
+    bands: Sequence[str], instrument: str | None = None, tolerance: float = 1e-4, progress: Progress = lambda _: None
+) -> Analysis:
+    """Analyse bands of an instrument file (None: the reference instrument; no band: all of them).
+
+    tolerance: part of the nominal modulation that a pair of beams may add and be left out. progress receives one line
+    of text at a time. Raises InputError, EmptyBeamError, MethodLimitError.
+    """
+    started = time.perf_counter()
+    loaded = load_instrument(instrument)
+    results = {}
+    for name in bands or loaded.bands:
+        results[name] = analyse_band(loaded, name, tolerance, progress)
+    return Analysis(results, loaded.name, loaded.hash, {}, time.perf_counter() - started)
+
+
+def analyse_band(
+    instrument: Instrument, name: str, tolerance: float = 1e-4, progress: Progress = lambda _: None
+) -> BandResult:
+    """One band at its five field points; see ``analyse``."""
+    system = instrument.band(name)
+    progress(f"{name}: spectrum")
+    spectrum, band_filter = band_spectrum(system)
+    weight = spectrum.radiance * band_filter.transmission(spectrum.sigma)
+    envelope = coherence_envelope(spectrum, band_filter)
+    nma = float(abs(coherence(spectrum, band_filter, np.array([system.spec.target_opd_mm * 1e-3]))[0]))
+    progress(f"{name}: searching ghost paths")
+    found = find_paths(system)
+    paths, _ = select_ghosts(found, nma, tolerance)
+    progress(f"{name}: {len(found) - 2} ghost paths found, {len(paths) - 2} to be traced at five field points")
+    low, high = band_filter.support()
+
+    def one(index: int) -> FieldResult:
+        x0 = system.field_points()[index]
+        point = field_point(system, paths, x0, (low, high), envelope, nma, tolerance)
+        source = point_source(system, paths, point.theta, x0)
+        psi = synthesise(point.coherency, spectrum.sigma, weight, zone_rows(system, x0), system.pixel)
+        progress(f"{name}: field point {index + 1} of 5: {len(point.coherency.pairs)} pairs")
+        pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
+        return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        fields = tuple(pool.map(one, range(len(system.field_points()))))
+    rows = ghost_rows(system, [(field.point, field.source) for field in fields])
+    return BandResult(name, fields, table1(name, [f.retrieval for f in fields]), rows, fields[0].point.plan.table(60))
+
+
+def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Row centres of the band's zone along y, m, measured from the field point ``x0``.
+
+    The interferogram of a field point is that of the whole zone with powers and contrasts frozen at x0 and OPDs
+    continued along their slopes, as in the paper's 1D generator.
+    """
+    _, _, y0, y1 = system.zone()
+    count = round((y1 - y0) / system.pixel)
+    return y0 + (np.arange(count) + 0.5) * system.pixel - float(x0[1])
+
+
+def layout(band: str, instrument: str | None = None) -> dict[str, Any]:
+    """Profiles of the surfaces and a fan of nominal rays, for ``report.plots.plot_layout``."""
+    raise CgiWaveError("the layout is drawn by report.layout")

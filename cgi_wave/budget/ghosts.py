@@ -1,0 +1,127 @@
+"""The ghost table: one row per ghost path, with what every field point says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.budget.fieldpoint import FieldPoint
+from cgi_wave.budget.pointsource import PointSource
+from cgi_wave.optics.system import OpticalSystem
+from cgi_wave.rays.paths import Path
+from cgi_wave.wave.basis import at_points
+from cgi_wave.wave.field import PupilField
+
+Array = NDArray[np.float64]
+
+
+def ghost_rows(system: OpticalSystem, fields: Sequence[tuple[FieldPoint, PointSource]]) -> list[dict[str, Any]]:
+    """Rows of the ghost table, strongest first; None where a quantity does not exist.
+
+    ``path`` is what ``rays.paths.parse_path`` takes back, ``label`` its short name. ``transmission``: power relative to
+    the nominal beams together at a fixed detector point under a uniform scene, mean over the field points (a point that
+    the ghost does not reach counts 0). The point-source columns (RMS sizes, Eq. 4, contrast |γ| with the nominal beam of
+    arm 1, its bound and method) and ``opd_m``, ``opd_arm2_m`` (phase OPD to the nominal beams), ``slope`` and
+    ``fringes`` in the zone are those of the first field point that the ghost reaches. ``slope_count``: the paper's count
+    of sloped surfaces crossed. ``…_fields``: one value per field point.
+    """
+    labels = [path for path in fields[0][1].ghosts]
+    rows = [_row(system, number, ghost.path, fields) for number, ghost in enumerate(labels)]
+    return sorted((row for row in rows if row["transmission"] > 0), key=lambda row: -row["transmission"])
+
+
+def _row(
+    system: OpticalSystem, number: int, path: Path, fields: Sequence[tuple[FieldPoint, PointSource]]
+) -> dict[str, Any]:
+    power = [_power(point, path.label) for point, _ in fields]
+    points = [source.ghosts[number] for _, source in fields]
+    chosen = next((ghost for ghost in points if ghost.contrast is not None), points[0])
+    reached = next((point for (point, _), p in zip(fields, power, strict=True) if p > 0), None)
+    geometry = _geometry(system, reached, path) if reached is not None else dict.fromkeys(GEOMETRY)
+    return {
+        "label": path.label,
+        "path": str(path),
+        "order": path.order,
+        "ancestry": path.splits,
+        "transmission": float(np.mean(power)),
+        "rms_x_m": None if chosen.spot is None else float(chosen.spot.rms[0]),
+        "rms_y_m": None if chosen.spot is None else float(chosen.spot.rms[1]),
+        "centroid_x_m": None if chosen.spot is None else float(chosen.spot.centroid[0]),
+        "centroid_y_m": None if chosen.spot is None else float(chosen.spot.centroid[1]),
+        "contrast_eq4": chosen.eq4,
+        "contrast": chosen.contrast,
+        "contrast_error": chosen.error,
+        "method": chosen.method,
+        **geometry,
+        "transmission_fields": power,
+        "contrast_fields": [ghost.contrast for ghost in points],
+        "contrast_eq4_fields": [ghost.eq4 for ghost in points],
+    }
+
+
+def _power(point: FieldPoint, label: str) -> float:
+    """Power relative to t1 + t2 at one field point; 0 where the ghost does not arrive."""
+    t = point.coherency.transmission
+    return float(t[point.coherency.labels.index(label)] / (t[0] + t[1])) if label in point.coherency.labels else 0.0
+
+
+GEOMETRY = ("opd_m", "opd_arm2_m", "slope", "slope_count", "fringes", "contrast_uniform", "contrast_uniform_error")
+
+
+def _geometry(system: OpticalSystem, point: FieldPoint, path: Path) -> dict[str, float | None]:
+    """OPD, slope and fringes against the nominal beams, and |J| under a uniform scene (None: bounded, not computed)."""
+    number = point.coherency.labels.index(path.label)
+    field, arm1, arm2 = point.fields[number], point.fields[0], point.fields[1]
+    p, q = _common_points(field, arm1)
+    slope = float(np.mean(_y_direction(field, p) - _y_direction(arm1, p)))
+    nominal = float(np.mean(_y_direction(arm1, p) - _y_direction(arm2, p)))
+    _, _, y0, y1 = system.zone()
+    pair = next((pair for pair in point.coherency.pairs if (pair.m, pair.l) in ((0, number), (number, 0))), None)
+    middle = None if pair is None else len(pair.sigma) // 2
+    return {
+        "opd_m": _path_length(field, q) - _path_length(arm1, q),
+        "opd_arm2_m": _path_length(field, q) - _path_length(arm2, q),
+        "slope": slope,
+        "slope_count": count_slope(system, point.paths[0], point.paths[1], path, nominal),
+        "fringes": abs(slope) * (y1 - y0) * system.sigma0,
+        "contrast_uniform": None if pair is None else float(abs(pair.gamma[middle])),
+        "contrast_uniform_error": None if pair is None else float(pair.error[middle]),
+    }
+
+
+def count_slope(system: OpticalSystem, arm1: Path, arm2: Path, path: Path, nominal_slope: float) -> float | None:
+    """dOPD/dy of ``path`` against the nominal beam of arm 1, by the paper's count of sloped surfaces met.
+
+    nominal_slope: dOPD/dy of arm 1 minus arm 2, to which the difference of their counts belongs.
+    """
+    inter = system.document.interferometer
+    if inter is None:
+        return None
+    sloped = {*inter.arm1.sloped, *inter.arm2.sloped}
+    met, met1, met2 = (sum(name in sloped for name, _ in p.steps) for p in (path, arm1, arm2))
+    return None if met1 == met2 else nominal_slope * (met - met1) / (met1 - met2)
+
+
+def _common_points(field: PupilField, nominal: PupilField) -> tuple[Array, Array]:
+    """Pupil points that the ghost uses (at least its own centre), and the one nearest to their middle; (N, 2), (1, 2)."""
+    k = np.arange(200) + 0.5
+    disc = np.column_stack([np.cos(2.399963 * k), np.sin(2.399963 * k)]) * np.sqrt(k / 200)[:, None]
+    p = field.support.centre + field.support.scale * disc
+    lit = (at_points(field.support.clearance, disc) > 0).all(axis=0)
+    p = p[lit] if lit.any() else field.support.centre[None]
+    middle = p.mean(axis=0)
+    del nominal
+    return p, p[[int(np.argmin(((p - middle) ** 2).sum(axis=1)))]]
+
+
+def _path_length(field: PupilField, p: Array) -> float:
+    middle = field.sigma.size // 2
+    return float(at_points(field.opl[middle], (p - field.support.centre) / field.support.scale)[0])
+
+
+def _y_direction(field: PupilField, p: Array) -> Array:
+    values: Array = at_points(field.direction[1], (p - field.support.centre) / field.support.scale)
+    return values

@@ -1,0 +1,220 @@
+"""Beams: one path at one field point, traced from one source direction and towards one detector point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.errors import EmptyBeamError
+from cgi_wave.optics.system import OpticalSystem
+from cgi_wave.rays.paths import Path
+from cgi_wave.rays.trace import THETA_STEP, Sequence, Traced, aim, caustics, compile_sequence, jacobian, trace, trouble
+
+Array = NDArray[np.float64]
+
+#: Rays per beam: enough for a polynomial of degree 12 with a third to spare.
+NODES = 280
+#: Share of rays that must pass before a beam is sampled; below it the sampled disc is drawn in around those that do.
+FILLED = 0.35
+#: An aperture is carried along if its clearance falls below this where all others are above minus this. Between two
+#: samples a clearance changes by less, so that no aperture that cuts the beam is lost.
+LIMITING = 0.12
+#: Apertures whose clearances agree to this everywhere are one (the stop and its image, a plate's two passes).
+SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays of one path, at S wavenumbers, that share one source direction or one detector point.
+
+    u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
+    amplitude (S, N): √(power · Jacobian); clearance (K, S, N); direction (S, N, 2); pupil (S, N, 2) m;
+    x (S, N, 2) m on the detector; phase rad; lost: what stopped rays, by kind and surface.
+    """
+
+    u: Array
+    opl: Array
+    amplitude: Array
+    clearance: Array
+    direction: Array
+    pupil: Array
+    x: Array
+    phase: float
+    lost: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Geometric footprint on the detector of one path for one source direction.
+
+    power: relative to the light through the entrance pupil (coatings and vignetting included); centroid (2,), rms (2,),
+    m; x (N, 2) m: where the rays of an even pupil grid land.
+    """
+
+    power: float
+    centroid: Array
+    rms: Array
+    x: Array
+
+
+def disc(count: int, margin: float = 1.0) -> Array:
+    """Points (count, 2) spread evenly over the unit disc (sunflower), with a ring on its edge; scaled by ``margin``."""
+    ring = int(3.0 * np.sqrt(count))
+    k = np.arange(count - ring) + 0.5
+    radius, angle = np.sqrt(k / (count - ring)), np.pi * (1 + 5**0.5) * k
+    edge = 2 * np.pi * np.arange(ring) / ring
+    inner = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) * 0.985
+    return margin * np.concatenate([inner, np.column_stack([np.cos(edge), np.sin(edge)])])
+
+
+def nominal_direction(system: OpticalSystem, path: Path, x0: Array) -> Array:
+    """Source direction (2,) whose ray through the pupil's centre meets the detector point ``x0`` (2,; m)."""
+    theta, ok = aim(compile_sequence(system, path, system.sigma0), np.zeros((1, 2)), x0, np.zeros(2))
+    if not ok[0]:
+        raise EmptyBeamError(f"{system.band}: no ray of {path.label} through the pupil's centre reaches {x0 * 1e3} mm")
+    return theta[0]
+
+
+def spot(system: OpticalSystem, path: Path, theta: Array, sigma: float, count: int = 2000) -> Spot:
+    """Geometric spot of ``path`` for source direction ``theta`` (2,). Raises EmptyBeamError if no ray arrives."""
+    points = disc(count)[: count - int(3.0 * np.sqrt(count))] / 0.985 * system.pupil_radius
+    traced = trace(compile_sequence(system, path, sigma), points, theta)
+    ok = traced.passes
+    if not ok.any():
+        raise EmptyBeamError(f"{path.label}: no ray of direction {theta} reaches the detector")
+    x, weight = traced.x[ok], traced.power[ok]
+    centre = weight @ x / weight.sum()
+    rms = np.sqrt(weight @ (x - centre) ** 2 / weight.sum())
+    return Spot(float(weight.sum() / len(points)), centre, rms, x)
+
+
+def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, start: Array) -> Rays:
+    """Rays of ``path`` that end on the detector point ``x0``, over the part of the entrance pupil that feeds it.
+
+    One ray per pupil point; G(p, x0) has amplitude |∂q/∂p|^½ = |det ∂x/∂θ|^−½ (the map is symplectic).
+    start (2,): first guess of the source direction. Raises EmptyBeamError if no ray arrives.
+    """
+    middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
+    guess, pivot = _linear_guess(middle, x0, start)
+    radius = system.pupil_radius
+    centre, half = np.zeros(2), radius * 1.03
+    for _ in range(4):
+        p = centre + half * disc(NODES)
+        theta, ok = aim(middle, p, x0, guess(p))
+        traced = trace(middle, p, theta)
+        inside = ok & traced.passes & ((p**2).sum(axis=1) < radius**2)
+        if not inside.any():
+            raise EmptyBeamError(f"{path.label}: no ray reaches {x0 * 1e3} mm; {trouble(middle, traced)}")
+        if inside.mean() >= FILLED:
+            break
+        centre, half = _bounding_disc(p[inside], half)
+    del pivot
+    per_sigma = []
+    for sigma in sigmas:
+        sequence = compile_sequence(system, path, float(sigma))
+        theta_s, ok_s = aim(sequence, p, x0, theta)
+        per_sigma.append((sequence, theta_s, ok_s))
+    keep = ok & np.all([entry[2] for entry in per_sigma], axis=0)
+    p = p[keep]
+    parts = []
+    for sequence, theta_s, _ in per_sigma:
+        theta_s = theta_s[keep]
+        traced = trace(sequence, p, theta_s, footprints=True)
+        by_theta = jacobian(sequence, p, theta_s, THETA_STEP)[0]
+        # What is left of the aiming error moves the end of the ray by δx: to first order Λ changes by q·δx.
+        opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
+        amplitude = np.sqrt(traced.power / np.abs(np.linalg.det(by_theta)))
+        parts.append((p, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
+    nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
+    crossed = caustics(per_sigma[len(sigmas) // 2][0], p[nearest], per_sigma[len(sigmas) // 2][1][keep][nearest], "theta")
+    return _stack(parts, radius, middle.phase - 0.5 * np.pi * crossed, trouble(middle, traced))
+
+
+def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array) -> Rays:
+    """Rays of ``path`` from one source direction; phases about the detector point ``x0``.
+
+    Â(q) has amplitude |∂p/∂q|^½. Raises EmptyBeamError if no ray arrives.
+    """
+    middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
+    radius = system.pupil_radius
+    centre, half = np.zeros(2), radius * 1.03
+    for _ in range(4):
+        p = centre + half * disc(NODES)
+        traced = trace(middle, p, theta)
+        inside = traced.passes & ((p**2).sum(axis=1) < radius**2)
+        if not inside.any():
+            raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(middle, traced)}")
+        if inside.mean() >= FILLED:
+            break
+        centre, half = _bounding_disc(p[inside], half)
+    p = p[traced.valid]
+    parts = []
+    for sigma in sigmas:
+        sequence = compile_sequence(system, path, float(sigma))
+        traced = trace(sequence, p, theta, footprints=True)
+        _, by_p = jacobian(sequence, p, theta, 1e-3 * radius, of="p")
+        opl = traced.opl - (traced.direction * (traced.x - x0)).sum(axis=1)
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(by_p)), 1e-300))
+        parts.append((traced.direction, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
+    nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
+    crossed = caustics(middle, p[nearest], theta, "p")
+    dx, dq = jacobian(middle, p[nearest : nearest + 1], theta, 1e-3 * radius, of="p")
+    # From position to direction by stationary phase: exp(iπ/4 · signature of ∂q/∂x).
+    curvature = dq[0] @ np.linalg.inv(dx[0])
+    signature = np.sign(np.linalg.eigvals(curvature).real).sum()
+    return _stack(parts, radius, middle.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature, trouble(middle, traced))
+
+
+def _linear_guess(sequence: Sequence, x0: Array, start: Array):  # type: ignore[no-untyped-def]
+    """Source directions for all pupil points, from the linear map about one ray that ends on ``x0``."""
+    pivot = np.zeros((1, 2))
+    theta, ok = aim(sequence, pivot, x0, start)
+    if not ok[0]:
+        theta = start[None]
+    by_theta = jacobian(sequence, pivot, theta, THETA_STEP)[0][0]
+    by_p = jacobian(sequence, pivot, theta, 1e-4, of="p")[0][0]
+    if not (np.isfinite(by_theta).all() and np.isfinite(by_p).all()) or abs(np.linalg.det(by_theta)) < 1e-14:
+        return (lambda p: np.broadcast_to(start, p.shape)), pivot
+    matrix = -np.linalg.solve(by_theta, by_p)
+    return (lambda p: np.clip(theta[0] + p @ matrix.T, -0.4, 0.4)), pivot
+
+
+def _bounding_disc(points: Array, half: float) -> tuple[Array, float]:
+    """Disc around the points that arrived, with room for what lies between them and the next ones."""
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    spacing = 1.8 * half / np.sqrt(NODES)
+    return centre, float(np.sqrt(((points - centre) ** 2).sum(axis=1)).max() + 1.5 * spacing)
+
+
+def _clearances(sequence: Sequence, traced: Traced) -> Array:
+    """Smooth signed clearances of every aperture on the way, (K', N): one per circle, four per rectangle."""
+    rows = []
+    for k, ap in enumerate(sequence.aperture):
+        x, y = traced.foot[k, 0] - ap[3], traced.foot[k, 1] - ap[4]
+        if ap[0] == 1.0:
+            rows.append(1.0 - (x * x + y * y) / ap[1] ** 2)
+        else:
+            rows += [1.0 - x / ap[1], 1.0 + x / ap[1], 1.0 - y / ap[2], 1.0 + y / ap[2]]
+    return np.array(rows)
+
+
+def _stack(parts: list, radius: float, phase: float, lost: dict[str, int]) -> Rays:  # type: ignore[type-arg]
+    u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))
+    pupil = 1.0 - (p**2).sum(axis=2) / radius**2
+    clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
+    return Rays(u, opl, amplitude, limiting(clearance), direction, p, x, phase, lost)
+
+
+def limiting(clearance: Array) -> Array:
+    """The clearances (K', S, N) of (K, S, N) that bound the beam; at least one."""
+    flat = clearance.reshape(len(clearance), -1)
+    lowest, second = np.partition(flat, 1, axis=0)[:2] if len(flat) > 1 else (flat[0], np.full_like(flat[0], np.inf))
+    kept: list[int] = []
+    for k, row in enumerate(flat):
+        others = np.where(row == lowest, second, lowest)
+        cuts = bool(((row < LIMITING) & (others > -LIMITING)).any())
+        if cuts and all(np.abs(row - flat[j]).max() > SAME for j in kept):
+            kept.append(k)
+    return clearance[kept or [int(flat.min(axis=1).argmin())]]
