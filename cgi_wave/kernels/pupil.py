@@ -324,14 +324,14 @@ def _variation(poly, tilt, lo, hi, total):
 
 
 @njit(cache=True, nogil=True)
-def count_panels(rays, phase, tilt, cycles):
-    """(R,) number of radial panels of each ray, for at most `cycles` of phase in each."""
+def count_panels(rays, phase, tilt, cycles, extra):
+    """(R,) number of radial panels of each ray, for at most `cycles` of phase in each, and `extra` more."""
     poly = np.empty((phase.shape[0], phase.shape[1]))
     total, panels = np.empty(_RADIAL_SCAN), np.empty(rays.shape[0], np.int64)
     for r in range(rays.shape[0]):
         _restrict(phase, rays[r, 0], poly)
         _variation(poly, tilt, rays[r, 2], rays[r, 3], total)
-        panels[r] = max(1, math.ceil(total[_RADIAL_SCAN - 1] / cycles))
+        panels[r] = max(1, math.ceil(total[_RADIAL_SCAN - 1] / cycles)) + extra
     return panels
 
 

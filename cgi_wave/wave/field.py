@@ -8,16 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
-from cgi_wave.kernels import pupil
-from cgi_wave.wave.basis import Array, at_points, expand, lagrange, total_degree_terms, vandermonde
+from cgi_wave.wave.basis import Array, at_points, expand, lagrange
+from cgi_wave.wave.fitting import OVERSAMPLING, Basis, Fit
 from cgi_wave.wave.region import SAFETY, Region, Support, find_region, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
 
 DEGREES = (4, 6, 8, 10, 12)
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 FEWEST = 12  # supported samples without which no field is fitted
-OVERSAMPLING = 1.4  # samples per polynomial term
-COLLAPSE_LIMIT = 20.0  # least Fresnel number for which a direction-space field is a field of rays
 _POWER_TOL = 1e-9
 _METHOD = "polynomial pupil field"
 
@@ -80,35 +78,6 @@ def power(field: PupilField) -> tuple[Array, float]:
     return np.diag(field.power_gram).copy(), field.power_error
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """Chebyshev coefficients (Q, n, n) of Q quantities and the leave-one-out misfit (Q, N) at the samples."""
-
-    coef: Array
-    misfit: Array
-
-
-@dataclass(frozen=True)
-class _Basis:
-    """Chebyshev products at the points of a fit, orthonormalised with the lowest degree first."""
-
-    q: Array
-    r: Array
-
-    @staticmethod
-    def at(x: Array, n: int) -> _Basis:
-        """For scaled points x (N, 2) and total degrees below n."""
-        return _Basis(*pupil.orthonormalise(np.ascontiguousarray(vandermonde(x, n).T)))
-
-    def fit(self, values: Array, n: int) -> _Fit:
-        """Least squares of values (Q, N) with total degrees below n; misfits by the hat matrix."""
-        i, j = total_degree_terms(n)
-        solution, misfit = pupil.least_squares(self.q[: i.size], self.r[: i.size, : i.size], values)
-        coef = np.zeros((values.shape[0], n, n))
-        coef[:, i, j] = solution
-        return _Fit(coef, misfit)
-
-
 def _check(samples: PupilSamples) -> None:
     """Shapes and finiteness, with a named error for each."""
     source = f"samples of {samples.label}"
@@ -143,7 +112,7 @@ def _domain(samples: PupilSamples, lit: NDArray[np.bool_]) -> tuple[Array, Array
     return centre, half * reach * (1.0 + 1.5 * spacing), spacing
 
 
-def _cutting(clearance: Array, fit: _Fit, x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]:
+def _cutting(clearance: Array, fit: Fit, x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]:
     """(K,) which clearances can reach zero within two sample spacings of the lit samples (x at the middle sigma)."""
     step = 1e-4
     cut = np.zeros(clearance.shape[0], bool)
@@ -172,15 +141,15 @@ def _bounded(support: Support, label: str) -> None:
 class _Trial:
     """The fits of one degree: path length and amplitude per wavenumber, clearances and direction at the middle."""
 
-    opl: list[_Fit]
-    shape: _Fit
+    opl: list[Fit]
+    shape: Fit
     clearance_misfit: Array
     score: float
     n: int
 
 
 def _try_degree(
-    samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], bases: list[_Basis], n: int
+    samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], bases: list[Basis], n: int
 ) -> _Trial:
     """Fit everything with n terms per axis; x (S, N, 2) scaled, inside/lit (S, N), one basis per wavenumber."""
     s_count, middle = samples.sigma.size, samples.sigma.size // 2
@@ -203,7 +172,7 @@ def _try_degree(
     return _Trial(fits, shape, clearance_misfit, score, n)
 
 
-def _worst(fits: list[_Fit], inside: NDArray[np.bool_], lit: NDArray[np.bool_]) -> tuple[float, float]:
+def _worst(fits: list[Fit], inside: NDArray[np.bool_], lit: NDArray[np.bool_]) -> tuple[float, float]:
     """Largest leave-one-out misfit of path length and amplitude over the lit samples of all wavenumbers."""
     worst = np.max([np.abs(f.misfit[:, lit[s][inside[s]]]).max(axis=1) for s, f in enumerate(fits)], axis=0)
     return float(worst[0]), float(worst[1])
@@ -224,7 +193,7 @@ def _choose(
             terms * OVERSAMPLING / fewest,
             "trace more rays",
         )
-    bases = [_Basis.at(x[s][inside[s]], allowed[-1] + 1) for s in range(samples.sigma.size)]
+    bases = [Basis.at(x[s][inside[s]], allowed[-1] + 1) for s in range(samples.sigma.size)]
     best = _try_degree(samples, x, inside, lit, bases, allowed[0] + 1)
     for d in allowed[1:]:
         if best.score < TARGET:
@@ -258,7 +227,7 @@ def fit_field(samples: PupilSamples, degree: int | None = None) -> PupilField:
     inside = (x**2).sum(axis=2) <= 1.0
     trial = _choose(samples, x, inside, lit, degree)
     middle, clearances = samples.sigma.size // 2, samples.clearance.shape[0]
-    shape = _Fit(trial.shape.coef[:clearances], trial.shape.misfit[:clearances])
+    shape = Fit(trial.shape.coef[:clearances], trial.shape.misfit[:clearances])
     cut = _cutting(samples.clearance, shape, x[middle][lit[middle]], lit, spacing)
     support = Support(centre, scale, shape.coef[cut], trial.clearance_misfit[cut])
     _bounded(support, samples.label)
@@ -303,47 +272,3 @@ def _power(support: Support, amplitude: Array, residual: float, label: str) -> t
     least = float(np.diag(gram).min())
     numerical = SAFETY * float(total.change_power.max()) + total.edge
     return gram, (numerical + 2.0 * residual * np.sqrt(total.area * np.diag(gram).max())) / least
-
-
-def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int = 6) -> Array:
-    """Jacobian det ∂q/∂p (N,) in 1/m² of a traced map from pupil points p (N, 2; m) to direction cosines q (N, 2).
-
-    The direction-space field is a sum over rays, one per direction; that needs a determinant of one sign, and the
-    Fresnel number σ·a²·√|det| (a: RMS radius of the pupil points times √2) of at least COLLAPSE_LIMIT everywhere:
-    below it the beam is collimated at the detector and diffraction, not rays, sets its spread of directions.
-
-    Raises FoldedFieldError naming the limit and the factor; MethodLimitError when a polynomial of this degree
-    describes the map to worse than 1 % of its range.
-    """
-    centre = p.mean(axis=0)
-    half = float(np.sqrt(((p - centre) ** 2).sum(axis=1).max()))
-    x, n = (p - centre) / half, degree + 1
-    if (degree + 1) * (degree + 2) / 2 * OVERSAMPLING > len(p):
-        raise MethodLimitError(_METHOD, f"{label}: {len(p)} rays for a map of degree {degree}", 1.0, "trace more rays")
-    fit = _Basis.at(x, n).fit(np.ascontiguousarray(q.T), n)
-    step = 1e-4
-    along = [(at_points(fit.coef, x + d) - at_points(fit.coef, x - d)) / (2 * step * half) for d in step * np.eye(2)]
-    det: Array = along[0][0] * along[1][1] - along[0][1] * along[1][0]
-    radius = float(np.sqrt(2.0 * ((p - centre) ** 2).sum(axis=1).mean()))
-    fresnel = sigma * radius**2 * np.sqrt(np.abs(det))
-    if fresnel.min() < COLLAPSE_LIMIT and np.all(det * det[0] > 0.0):
-        raise FoldedFieldError(
-            f"{label}: Fresnel number {fresnel.min():.3g} of the map to direction cosines is "
-            f"{COLLAPSE_LIMIT / max(fresnel.min(), 1e-300):.3g} times below {COLLAPSE_LIMIT:g} (collimated at the "
-            "detector); use the position-space field"
-        )
-    if np.any(det * det[0] <= 0.0):
-        share = min(np.mean(det > 0.0), np.mean(det <= 0.0))
-        raise FoldedFieldError(
-            f"{label}: det ∂q/∂p changes sign over the pupil ({share:.1%} of the rays lie beyond the fold); "
-            "use the position-space field"
-        )
-    misfit = float(np.abs(fit.misfit).max() / max(float(np.ptp(q, axis=0).max()), 1e-300))
-    if misfit > 0.01:
-        raise MethodLimitError(
-            _METHOD,
-            f"{label}: the map is described to {misfit:.2g} of its range (limit 0.01)",
-            misfit / 0.01,
-            "trace more rays, or use the position-space field",
-        )
-    return det

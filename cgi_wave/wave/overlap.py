@@ -102,7 +102,8 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6) -> Ov
     if region is None:
         zero = np.zeros(sigma.size)
         seconds = time.perf_counter() - started
-        return Overlap(zero + 0j, zero, 0.0, False, zero, 0.0, (0.0, 0.0), 0, "no shared support", seconds)
+        dark = np.zeros(sigma.size, np.complex128)
+        return Overlap(dark, zero, 0.0, False, zero, 0.0, (0.0, 0.0), 0, "no shared support", seconds)
     pair = _pair(m, l, sigma, region)
     total = integrate(region, pair.phase, pair.a, pair.b, pair.steer, pair.norm, tol)
     raw = total.value / pair.norm

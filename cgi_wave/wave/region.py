@@ -193,7 +193,7 @@ def build(region: Region, steering: Array, tilt: float, level: int) -> Quadratur
         rays.append(part)
         owner.append(ends)
     all_rays, all_ends = np.concatenate(rays), np.concatenate(owner)
-    panels = pupil.count_panels(all_rays, steering, tilt, cycles)
+    panels = pupil.count_panels(all_rays, steering, tilt, cycles, level)
     nodes = int(panels.sum()) * pupil.GAUSS
     if nodes > NODE_CAP:
         raise _refuse(nodes, spread(region, steering))
