@@ -52,8 +52,11 @@ def test_fft_psf_matches_direct_quadrature_when_defocused():
     fft = psf(field, 0.5e-6, 128)
     middle = slice(48, 81, 4)
     direct = psf_direct(field, fft.x[middle], fft.y[middle])
-    scale = np.abs(direct.field).max()
-    assert np.abs(fft.field[middle, middle] - direct.field).max() < 5e-3 * scale
+    error = np.abs(fft.field[middle, middle] - direct.field).max() / np.abs(fft.field).max()
+    assert direct.field_error < 1e-9
+    # a sampled edge costs about 4 W020 / N² of the unaberrated peak: percents of the defocused one, and it says so
+    assert error < 4e-2
+    assert 0.1 * error < fft.field_error < 4e-2
 
 
 def test_sampling_guard_follows_the_defocus_and_names_the_factor():
