@@ -59,11 +59,10 @@ def run(bands: tuple[str, ...], out: str, tolerance: float, instrument: str | No
     with output.whole_folder(out) as stage:
         with _computing():
             result, provenance = _analyse(list(bands), instrument, tolerance)
-            from cgi_wave.analysis import layout
             from cgi_wave.report import build
 
             _progress("writing the report")
-            summary = build.write(result, layout(next(iter(result.bands)), instrument), provenance, stage)
+            summary = build.write(result, _views(next(iter(result.bands)), instrument), provenance, stage)
     if as_json:
         click.echo(output.to_json(summary))
     else:
@@ -160,12 +159,10 @@ def draw(band: str | None, out: str, instrument: str | None, as_json: bool) -> N
         raise InputError("command line", "--out", out, "is not a format for pictures", remedy)
     with output.whole_file(out) as file:
         with _computing():
-            from cgi_wave import analysis
-            from cgi_wave.report import plots
+            from cgi_wave.report import build
 
             (chosen, *_) = _check_bands([band] if band else [], instrument)
-            layout = analysis.layout(chosen, instrument)
-            plots.figure(plots.plot_layout, layout, (11.0, 5.0)).savefig(file, format=suffix[1:], dpi=200)
+            build.layout_figure(_views(chosen, instrument)).savefig(file, format=suffix[1:], dpi=200)
     if as_json:
         click.echo(output.to_json({"band": chosen, "file": out}))
     else:
@@ -201,6 +198,14 @@ def _check_bands(bands: Sequence[str], instrument: str | None) -> list[str]:
                 "command line", "BAND", band, "the instrument has no such band", f"use {' or '.join(known)}"
             )
     return list(dict.fromkeys(bands)) or known
+
+
+def _views(band: str, instrument: str | None) -> list[dict[str, Any]]:
+    """The layout of the instrument in one band."""
+    from cgi_wave.optics.system import load_instrument
+    from cgi_wave.report.layout import layout
+
+    return layout(load_instrument(instrument).band(band))
 
 
 @contextmanager

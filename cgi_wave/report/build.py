@@ -20,14 +20,16 @@ DPI = 130
 TABLE_SUFFIXES = (".csv", ".nc", ".mat")
 
 
-def write(analysis: Analysis, layout: Mapping[str, Any], provenance: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def write(
+    analysis: Analysis, views: Sequence[Mapping[str, Any]], provenance: Mapping[str, Any], folder: Path
+) -> dict[str, Any]:
     """Fill ``folder``: ``summary.json``, ``index.html``, and per band the ghost tables, the PSIs and the pictures.
 
-    layout : as ``plots.plot_layout`` takes it. Returns the summary: ``bands.<BAND>`` with Table 1's rows (each
+    views : of ``report.layout``. Returns the summary: ``bands.<BAND>`` with Table 1's rows (each
     ``mean``, ``spread``, ``error``), ``ghost_count``, ``fields`` (how many) and the rest of Table 1; ``provenance``.
     """
     summary = {"bands": {name: _summary(band) for name, band in analysis.bands.items()}, "provenance": provenance}
-    _save(plots.figure(plots.plot_layout, layout, (11.0, 5.0)), folder / "layout.png", provenance)
+    _save(layout_figure(views), folder / "layout.png", provenance)
     files = ["summary.json"]
     bands = []
     for name, band in analysis.bands.items():
@@ -53,12 +55,19 @@ def write(analysis: Analysis, layout: Mapping[str, Any], provenance: Mapping[str
         "them together do to the retrieved modulation amplitude NMA = M/B.",
         "provenance": {**provenance, "seconds": f"{analysis.seconds:.1f}"},
         "files": files,
-        "pictures": [{"file": "layout.png", "caption": f"Layout: {layout['title']}", "wide": True}],
+        "pictures": [
+            {"file": "layout.png", "caption": "Layout with the rays of three field points in both arms.", "wide": True}
+        ],
         "bands": bands,
     }
     _text(folder / "index.html", page.render(document))
     _text(folder / "summary.json", to_json(summary))
     return summary
+
+
+def layout_figure(views: Sequence[Mapping[str, Any]]) -> Figure:
+    """The views of ``report.layout`` one above the other."""
+    return plots.grid(plots.plot_layout, views, columns=1, cell=(11.0, 6.0))
 
 
 def psi_document(band: BandResult, field: int = 0) -> dict[str, Any]:
@@ -108,7 +117,7 @@ def psi_text(document: Mapping[str, Any]) -> str:
 
 def ghosts_text(rows: Sequence[Mapping[str, Any]]) -> str:
     """The ghost table for reading, the columns and units of the page, widest column last."""
-    columns = sorted(page.GHOST_COLUMNS, key=lambda column: column.key == "path")
+    columns = sorted(page.GHOST_COLUMNS, key=lambda column: column.key == "label")
     cells = [[column.heading for column in columns], *([column.text(row) for column in columns] for row in rows)]
     widths = [max(len(line[index]) for line in cells) for index in range(len(columns))]
     return "\n".join(

@@ -35,15 +35,17 @@ class Column:
 
 
 GHOST_COLUMNS = (
-    Column("path", "path", form="s"),
+    Column("label", "ghost", form="s"),
     Column("order", "order", form="d"),
-    Column("transmission", "power / 10⁻⁶ of input", 1e6),
+    Column("transmission", "power / 10⁻⁶ of nominal", 1e6),
     Column("rms_x_m", "RMS x / µm", 1e6),
     Column("rms_y_m", "RMS y / µm", 1e6),
     Column("contrast_eq4", "contrast, Eq. 4"),
     Column("contrast", "contrast |γ|"),
     Column("contrast_error", "error bound of |γ|", form=".1e"),
     Column("method", "method", form="s"),
+    Column("contrast_uniform", "contrast, uniform scene"),
+    Column("contrast_uniform_error", "its error bound", form=".1e"),
     Column("opd_m", "OPD / mm", 1e3, ".6g"),
     Column("fringes", "fringes in zone"),
 )
@@ -79,7 +81,7 @@ def render(document: Mapping[str, Any]) -> str:
         * ``name``, ``about`` (one sentence)
         * ``table1``: the result of ``budget.table1``: ``TABLE1_ROWS`` there and in its ``paper_bookkeeping`` and
           ``printed`` (or None), each {``mean``, ``spread``, ``error``}; ``fields``, how many; ``why``, text or None
-        * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``
+        * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``, and ``path``, shown when the pointer rests on a label
         * ``pictures``: list of {``file``, ``caption``}
         * ``plan``: text shown as it stands, or ""
     """

@@ -5,6 +5,7 @@ Arrays come in SI units; axes are labelled in the unit shown on them. Without ``
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 COLOURS = ("#1b5e9b", "#c2571a", "#4b7f34", "#7a4a92")
 """By order of the ghost, nominal beams first; chosen to stay apart in grey and for the colour-blind."""
+
+TITLE_WIDTH = 36
+"""Letters of a title in one line above a small picture."""
 
 PSF_DECADES = 6
 """How far below its peak a PSF is shown."""
@@ -93,11 +97,11 @@ def plot_psf(psf: Mapping[str, Any], ax: Axes | None = None) -> Axes:
 
 
 def plot_layout(layout: Mapping[str, Any], ax: Axes | None = None) -> Axes:
-    """Side view of the instrument with rays.
+    """One view of the instrument with rays.
 
-    layout : ``title``; ``axes``, the names of the two coordinates shown, such as ("z", "y"); ``surfaces``, a list of
-    {``name``, ``points_m`` (P, 2)}, each a profile; ``rays``, a list of {``points_m`` (V, 2), ``group`` int}, each a
-    polyline, coloured by its group (field point or arm).
+    layout : a view of ``report.layout``: ``title``; ``axes``, the names of the two coordinates shown; ``surfaces``, a
+    list of {``name`` or "", ``points_m`` (P, 2)}, each a profile; ``rays``, a list of {``points_m`` (V, 2), ``group``},
+    each a polyline, coloured by its group (field point or arm).
     """
     ax = _axes(ax, (11.0, 5.0))
     for ray in layout["rays"]:
@@ -106,7 +110,7 @@ def plot_layout(layout: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     for surface in layout["surfaces"]:
         points = np.asarray(surface["points_m"]) * 1e3
         ax.plot(points[:, 0], points[:, 1], color="black", linewidth=1.1)
-        ax.annotate(surface["name"], points[-1], fontsize=5, rotation=60, xytext=(1, 1), textcoords="offset points")
+        ax.annotate(surface["name"], points[-1], fontsize=6, rotation=40, xytext=(1, 1), textcoords="offset points")
     ax.set_aspect("equal")
     ax.set_xlabel(f"{layout['axes'][0]} / mm")
     ax.set_ylabel(f"{layout['axes'][1]} / mm")
@@ -123,13 +127,15 @@ def figure(plot: Callable[..., Axes], result: Any, size: tuple[float, float]) ->
     return made
 
 
-def grid(plot: Callable[..., Axes], results: Sequence[Any], columns: int = 4) -> Figure:
-    """One ``plot`` for each of ``results`` in rows of ``columns``, as a figure outside pyplot."""
+def grid(
+    plot: Callable[..., Axes], results: Sequence[Any], columns: int = 4, cell: tuple[float, float] = (3.5, 3.0)
+) -> Figure:
+    """One ``plot`` for each of ``results`` in rows of ``columns``, as a figure outside pyplot; cell size in inches."""
     from matplotlib.figure import Figure
 
     columns = max(1, min(columns, len(results)))
     rows = max(1, -(-len(results) // columns))
-    made = Figure(figsize=(3.5 * columns, 3.0 * rows), layout="constrained")
+    made = Figure(figsize=(cell[0] * columns, cell[1] * rows), layout="constrained")
     places = made.subplots(rows, columns, squeeze=False).flat
     for result, place in zip(results, places, strict=False):
         plot(result, ax=place)
@@ -150,4 +156,4 @@ def _square(ax: Axes, title: str, unit: str) -> None:
     ax.set_aspect("equal")
     ax.set_xlabel(f"x / {unit}")
     ax.set_ylabel(f"y / {unit}")
-    ax.set_title(title, fontsize=8, wrap=True)
+    ax.set_title(textwrap.fill(title, TITLE_WIDTH), fontsize=8)

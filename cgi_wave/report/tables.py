@@ -32,7 +32,7 @@ def unit(name: str) -> str:
 
 
 def columns(rows: Sequence[Row]) -> dict[str, np.ndarray]:
-    """One array per key: (ghost,) or, for values that are lists, (ghost, field). None becomes NaN.
+    """One array per key: (ghost,) or, for values that are lists, (ghost, field). None becomes NaN, or "".
 
     Raises CgiWaveError when rows differ in their keys, or lists of one column in their lengths.
     """
@@ -63,9 +63,9 @@ def check_suffix(suffix: str, field: str = "--out") -> str:
 
 def _column(name: str, values: list[Any]) -> np.ndarray:
     if any(isinstance(value, str) for value in values):
-        if not all(isinstance(value, str) for value in values):
+        if not all(value is None or isinstance(value, str) for value in values):
             raise CgiWaveError(f"column {name} of the table mixes words and numbers")
-        return np.array(values, dtype=str)
+        return np.array(["" if value is None else value for value in values], dtype=str)
     lengths = {np.size(value) for value in values if np.ndim(value)}
     if len(lengths) > 1 or (lengths and any(np.ndim(value) == 0 for value in values)):
         raise CgiWaveError(f"column {name} of the table has lists of different lengths: {sorted(lengths)}")

@@ -8,13 +8,15 @@ import pytest
 
 import cgi_wave
 from cgi_wave.budget.table1 import table1
+from cgi_wave.cli import commands
 from cgi_wave.fringes.coherency import Coherency, Pair
 from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.psi import synthesise
 from cgi_wave.report import build
 
 GHOST = {
-    "path": "filter.front > detector",
+    "label": "filter.front:r",
+    "path": "L1 filter.front:r detector",
     "order": 1,
     "transmission": 2.5e-3,
     "rms_x_m": 1.5e-4,
@@ -23,6 +25,8 @@ GHOST = {
     "contrast": 0.0123,
     "contrast_error": 1e-6,
     "method": "panels",
+    "contrast_uniform": None,
+    "contrast_uniform_error": None,
     "opd_m": 1.33e-3,
     "fringes": 10.0,
 }
@@ -94,7 +98,7 @@ def analysis(monkeypatch, fields):
         return made_up_analysis(names, instrument, fields)
 
     module.analyse = analyse
-    module.layout = lambda band, instrument: LAYOUT
+    monkeypatch.setattr(commands, "_views", lambda band, instrument: [LAYOUT])
     monkeypatch.setitem(sys.modules, "cgi_wave.analysis", module)
     monkeypatch.setattr(cgi_wave, "analysis", module, raising=False)
     return module

@@ -11,7 +11,8 @@ import pytest
 from cgi_wave.report import page
 
 GHOST = {
-    "path": "detector > filter.front <b> & detector",
+    "label": "detector:r <b> & filter:r",
+    "path": "filter detector:r <b> & filter:r",
     "order": 1,
     "transmission": 2.5e-3,
     "rms_x_m": 1.5e-4,
@@ -20,6 +21,8 @@ GHOST = {
     "contrast": 0.0123,
     "contrast_error": 1e-6,
     "method": "panels",
+    "contrast_uniform": 0.2,
+    "contrast_uniform_error": 1e-5,
     "opd_m": 1.33e-3,
     "fringes": 10.0,
 }
@@ -47,12 +50,15 @@ DOCUMENT = {
                 "fields": 5,
                 "why": "Coherence & <sums>.",
             },
-            "ghosts": [GHOST, GHOST | {"path": "L1", "contrast": None, "contrast_error": None}],
+            "ghosts": [GHOST, GHOST | {"label": "L1", "contrast": None, "contrast_error": None}],
             "pictures": [{"file": "NIR-psi.png", "caption": "PSI", "wide": False}],
             "plan": "kept 1 < 2",
         }
     ],
 }
+
+
+WIDTH = len(page.GHOST_COLUMNS)
 
 
 class Reader(HTMLParser):
@@ -96,17 +102,17 @@ def read(html):
 
 
 def test_numbers_are_shown_in_the_unit_of_the_heading(read):
-    cells = dict(zip(read.cells[-33:-22], read.cells[-22:-11], strict=True))
-    assert cells["path"] == GHOST["path"]
-    assert cells["power / 10⁻⁶ of input"] == "2.5e+03"
+    cells = dict(zip(read.cells[-3 * WIDTH : -2 * WIDTH], read.cells[-2 * WIDTH : -WIDTH], strict=True))
+    assert cells["ghost"] == GHOST["label"]
+    assert cells["power / 10⁻⁶ of nominal"] == "2.5e+03"
     assert (cells["RMS x / µm"], cells["RMS y / µm"], cells["OPD / mm"]) == ("150", "250", "1.33")
     assert cells["contrast |γ|"] == "0.0123"
 
 
 def test_what_was_not_computed_is_a_dash_with_no_key(read):
     column = [column.key for column in page.GHOST_COLUMNS].index("contrast")
-    assert (read.cells[-11:][column], read.keys[-11:][column]) == ("–", "")
-    assert read.keys[-22:-11][column] == "0.0123"
+    assert (read.cells[-WIDTH:][column], read.keys[-WIDTH:][column]) == ("–", "")
+    assert read.keys[-2 * WIDTH : -WIDTH][column] == "0.0123"
 
 
 def test_table1_shows_both_book_keepings_the_print_and_the_reason(read, html):
@@ -137,6 +143,7 @@ def test_links_are_to_files_beside_the_page_or_places_on_it(html, read):
 def test_words_from_files_are_escaped(html):
     assert "<title>Ghosts of &lt;instrument&gt;</title>" in html
     assert "kept 1 &lt; 2" in html
+    assert 'title="filter detector:r &lt;b&gt; &amp; filter:r"' in html
 
 
 def test_a_missing_part_is_an_error_not_a_gap():

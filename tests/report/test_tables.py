@@ -84,6 +84,10 @@ def test_mat_struct_has_columns_as_columns(tmp_path):
     assert json.loads(read["provenance"].item()) == PROVENANCE
 
 
+def test_a_missing_word_is_empty():
+    assert tables.columns([{"method": "panels"}, {"method": None}])["method"].tolist() == ["panels", ""]
+
+
 @pytest.mark.parametrize("suffix", list(tables.WRITERS))
 def test_a_table_without_ghosts_is_still_a_table(tmp_path, suffix):
     assert write(tmp_path, suffix, rows=[]).stat().st_size > 0

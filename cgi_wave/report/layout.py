@@ -1,0 +1,88 @@
+"""The layout of an instrument for ``plots.plot_layout``: surfaces and nominal rays, seen from one or two sides."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.optics.system import OpticalSystem, Surface
+from cgi_wave.rays.beams import nominal_direction
+from cgi_wave.rays.paths import find_paths
+from cgi_wave.rays.trace import compile_sequence, history, trace
+
+Array = NDArray[np.float64]
+
+FAN = 7
+"""Rays of a fan across the pupil."""
+
+FIELDS = (0, 1, 4)
+"""Field points drawn: the zone's centre and two opposite corners."""
+
+NEAR = 0.03
+"""Two names closer than this part of the drawing would be unreadable; an instrument thinner than it is flat."""
+
+
+def layout(system: OpticalSystem) -> list[dict[str, Any]]:
+    """Views for ``plots.plot_layout``: profiles of all surfaces, and fans of nominal rays of both arms.
+
+    The first view is along the world axis in which the vertices spread least; a second, along the next, follows unless
+    the instrument is flat. Rays that an aperture stops are not drawn. A surface closer than ``NEAR`` to one already
+    named is drawn without its name. Raises EmptyBeamError if no nominal path reaches the detector.
+    """
+    spread = np.ptp([surface.origin for surface in system.surfaces], axis=0)
+    first, second, third = (int(axis) for axis in np.argsort(-spread, kind="stable"))
+    views = [_view(system, (first, second), third)]
+    if spread[third] > NEAR * spread[first]:
+        views.append(_view(system, (first, third), second))
+    return views
+
+
+def _view(system: OpticalSystem, plane: tuple[int, int], across: int) -> dict[str, Any]:
+    """One view along the world axis ``across``."""
+    profiles = [_profile(surface, across)[:, plane] for surface in system.surfaces]
+    near = NEAR * float(np.ptp(np.concatenate(profiles), axis=0).max())
+    named: list[Array] = []
+    surfaces = []
+    for surface, points in zip(system.surfaces, profiles, strict=True):
+        free = all(np.hypot(*(points[-1] - other)) > near for other in named)
+        named += [points[-1]] if free else []
+        surfaces.append({"name": surface.name if free else "", "points_m": points})
+    return {
+        "title": f"{system.band}, seen along {'xyz'[across]}",
+        "axes": tuple("xyz"[axis] for axis in plane),
+        "surfaces": surfaces,
+        "rays": [
+            {"points_m": points[:, plane], "group": group}
+            for group, index in enumerate(FIELDS)
+            for points in _fan(system, system.field_points()[index], across)
+        ],
+    }
+
+
+def _profile(surface: Surface, across: int, count: int = 31) -> Array:
+    """Cut through the middle of the surface's aperture: (count, 3) world points, m."""
+    # Of the two local axes the drawing shows the one that leans less on the line of sight.
+    shown = int(np.argmin(np.abs(surface.rotation[:2, across])))
+    half, centre = surface.aperture[1:3], surface.aperture[3:5]
+    local = np.tile(centre, (count, 1))
+    local[:, shown] += np.linspace(-half[shown], half[shown], count)
+    points = np.column_stack([local, surface.sag(local[:, 0], local[:, 1])])
+    return points @ surface.rotation + surface.origin
+
+
+def _fan(system: OpticalSystem, x0: Array, across: int) -> list[Array]:
+    """Rays to the detector point x0 (2,) through a line of pupil points, on each nominal path: (K, 3) world points."""
+    axes, origin = system.pupil_frame()
+    line = np.zeros((FAN, 2))
+    line[:, int(np.argmin(np.abs(axes[:2, across])))] = np.linspace(-0.98, 0.98, FAN) * system.pupil_radius
+    rays = []
+    for path in find_paths(system, max_order=0, max_splits=0):
+        theta = nominal_direction(system, path, x0)
+        sequence = compile_sequence(system, path, system.sigma0)
+        passes = trace(sequence, line, theta).passes
+        if passes.any():
+            points, _, _ = history(sequence, line[passes], theta)
+            rays += [points[:, ray] @ axes + origin for ray in range(points.shape[1])]
+    return rays
