@@ -171,67 +171,67 @@ def _cast(clear, ellipses, theta, ends, which):
 
 @njit(cache=True, nogil=True)
 def _signature(clear, ellipses, theta, ends, which):
-    """Number of intervals and a code of which clearances bound them: constant where the boundary is smooth."""
+    """A code of the intervals and the clearances that bound them, constant where the boundary is smooth.
+
+    -1 when there are too many intervals.
+    """
     count = _cast(clear, ellipses, theta, ends, which)
     code = count
     for i in range(count):
         code = (code * 31 + which[i, 0] + 3) * 31 + which[i, 1] + 3
-    return count, code
+    return code
 
 
 @njit(cache=True, nogil=True)
 def find_breaks(clear, ellipses, scan, limit):
     """Angles where the boundary is not smooth, found on `scan` rays and bisected to rounding.
 
-    Returns (angles (B,), tangent (B,)): tangent is True where the number of intervals changes, so that interval ends
-    move like a square root there. B = limit + 1 means that there are more than `limit`; a ray with more than eight
-    intervals returns B = 0 with tangent of length 1.
+    Returns angles (B,), ascending, within one turn. B = limit + 1 says that there are more than
+    `limit`, or that a ray has more than eight intervals.
     """
     ends, which = np.empty((_MAX_INTERVALS, 2)), np.empty((_MAX_INTERVALS, 2), np.int64)
-    angles, tangent, found = np.empty(limit + 1), np.zeros(limit + 1, np.bool_), 0
+    angles, found = np.zeros(limit + 1), 0
     step = 2.0 * math.pi / scan
     start = 0.1234  # no ray along an axis, where symmetric pupils have their corners
-    left = start
-    count_left, code_left = _signature(clear, ellipses, start, ends, which)
+    left, code_left = start, _signature(clear, ellipses, start, ends, which)
     for s in range(1, scan + 1):
         right = start + s * step
-        count_right, code_right = _signature(clear, ellipses, right, ends, which)
-        if count_right < 0 or count_left < 0:
-            return np.empty(0), np.zeros(1, np.bool_)
+        code_right = _signature(clear, ellipses, right, ends, which)
         while code_left != code_right:
-            lo, hi, count_hi, code_hi = left, right, count_right, code_right
+            lo, hi, code_hi = left, right, code_right
             for _ in range(60):
                 mid = 0.5 * (lo + hi)
                 if mid <= lo or mid >= hi:
                     break
-                count_mid, code_mid = _signature(clear, ellipses, mid, ends, which)
+                code_mid = _signature(clear, ellipses, mid, ends, which)
                 if code_mid == code_left:
                     lo = mid
                 else:
-                    hi, count_hi, code_hi = mid, count_mid, code_mid
-            if found > limit:
-                return angles, tangent
-            angles[found], tangent[found] = hi, count_hi != count_left
+                    hi, code_hi = mid, code_mid
+            if found == limit or code_hi < 0 or code_left < 0:
+                return angles
+            angles[found] = hi
             found += 1
-            left, count_left, code_left = hi, count_hi, code_hi
+            left, code_left = hi, code_hi
         left = right
-    return angles[:found], tangent[:found]
+    if code_left < 0:
+        return angles
+    return angles[:found].copy()
 
 
 @njit(cache=True, nogil=True)
-def _warp(t, left, right):
-    """Map (0, 1) to itself with a vanishing slope at the ends that are tangent; returns value and slope."""
-    if left and right:
+def _warp(t, cornered):
+    """Map (0, 1) to itself, with a vanishing slope at both ends when they are corners; returns value and slope.
+
+    Interval ends move like a square root where a ray is tangent to the boundary, and nearly so close to there.
+    """
+    if cornered:
         return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
-    if left:
-        return t * t, 2.0 * t
-    if right:
-        return t * (2.0 - t), 2.0 * (1.0 - t)
     return t, 1.0
 
 
 @njit(cache=True, nogil=True)
-def angle_panels(clear, ellipses, phase, tilt, span, tangent, cycles, turn, extra, limit):
+def angle_panels(clear, ellipses, phase, tilt, span, cornered, cycles, turn, extra, limit):
     """Panel breakpoints in t for the segment span = (theta0, theta1), of even phase variation and turning.
 
     phase (P, n, n) in cycles; tilt is an extra phase rate in cycles per unit length that the caller will add;
@@ -250,7 +250,7 @@ def angle_panels(clear, ellipses, phase, tilt, span, tangent, cycles, turn, extr
     total = np.zeros(points + 1)
     for i in range(points + 1):
         t = (i + 0.5) / (points + 1)  # never at the ends, where a tangent interval has no length
-        theta = span[0] + width * _warp(t, tangent[0], tangent[1])[0]
+        theta = span[0] + width * _warp(t, cornered)[0]
         count = _cast(clear, ellipses, theta, ends, which)
         _restrict(phase, theta, poly)
         worst, bend = 0.0, 0.0
@@ -289,7 +289,7 @@ def angle_panels(clear, ellipses, phase, tilt, span, tangent, cycles, turn, extr
 
 
 @njit(cache=True, nogil=True)
-def segment_rays(clear, ellipses, span, tangent, breaks):
+def segment_rays(clear, ellipses, span, cornered, breaks):
     """Rays of one segment: columns theta, weight d(theta), rho from, rho to; and the clearances at the two ends."""
     panels = breaks.shape[0] - 1
     rays = np.empty((panels * GAUSS * _MAX_INTERVALS, 4))
@@ -299,7 +299,7 @@ def segment_rays(clear, ellipses, span, tangent, breaks):
     for p in range(panels):
         for g in range(GAUSS):
             t = breaks[p] + (breaks[p + 1] - breaks[p]) * _GX[g]
-            place, slope = _warp(t, tangent[0], tangent[1])
+            place, slope = _warp(t, cornered)
             theta = span[0] + width * place
             weight = width * slope * (breaks[p + 1] - breaks[p]) * _GW[g]
             for j in range(_cast(clear, ellipses, theta, ends, which)):

@@ -160,16 +160,30 @@ def _try_degree(
     shape = bases[middle].fit(
         np.concatenate([samples.clearance[:, middle], samples.direction[middle].T])[:, inside[middle]], n
     )
-    clearances = samples.clearance.shape[0]
-    clearance_misfit = np.abs(shape.misfit[:clearances]).max(axis=1)
-    for s in range(s_count):  # one clearance serves all wavenumbers: its change with sigma is an error of it
-        if s != middle:
-            drift = samples.clearance[:, s, inside[s]] - at_points(shape.coef[:clearances], x[s][inside[s]])
-            clearance_misfit = np.maximum(clearance_misfit, np.abs(drift).max(axis=1))
+    clearance_misfit = _clearance_misfit(samples, x, inside, lit, shape)
     opl, amplitude = _worst(fits, inside, lit)
     rms = float(np.sqrt(np.mean(samples.amplitude[lit] ** 2)))
     score = 2.0 * np.pi * samples.sigma[-1] * opl + amplitude / max(rms, 1e-300) + float(clearance_misfit.min())
     return _Trial(fits, shape, clearance_misfit, score, n)
+
+
+def _clearance_misfit(
+    samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], shape: Fit
+) -> Array:
+    """(K,) largest misfit of each clearance near its zero (within a quarter of its range; elsewhere it moves nothing).
+
+    One clearance polynomial serves all wavenumbers: its change with sigma is an error of it.
+    """
+    middle, count = samples.sigma.size // 2, samples.clearance.shape[0]
+    worst = np.zeros(count)
+    for s in range(samples.sigma.size):
+        at = inside[s]
+        value = samples.clearance[:, s, at]
+        off = shape.misfit[:count] if s == middle else value - at_points(shape.coef[:count], x[s][at])
+        for k in range(count):
+            near = np.abs(value[k]) <= 0.25 * np.abs(value[k][lit[s][at]]).max()
+            worst[k] = max(worst[k], np.abs(off[k][near if near.sum() >= FEWEST else slice(None)]).max())
+    return worst
 
 
 def _worst(fits: list[Fit], inside: NDArray[np.bool_], lit: NDArray[np.bool_]) -> tuple[float, float]:

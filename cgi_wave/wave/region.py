@@ -137,25 +137,21 @@ def find_region(supports: Sequence[Support]) -> Region | None:
     return Region(pivot, frame, clearance, np.concatenate([s.residual for s in supports]), ellipses, extent)
 
 
-def _segments(region: Region, level: int) -> list[tuple[Array, NDArray[np.bool_]]]:
-    """Angle ranges between corners, with flags for tangent ends."""
+def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
+    """Angle ranges (theta0, theta1) between corners, and whether their ends are corners (not so for a full turn)."""
     scan = _SCANS[min(level, len(_SCANS) - 1)]
-    angles, tangent = pupil.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
-    if angles.size > _BREAK_LIMIT or tangent.size > angles.size:
+    angles = pupil.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
+    if angles.size > _BREAK_LIMIT:
         raise MethodLimitError(
             METHOD,
             f"the boundary of the common support has more than {_BREAK_LIMIT} corners or eight pieces along a line",
-            max(1.0, angles.size / _BREAK_LIMIT),
+            angles.size / _BREAK_LIMIT,
             "lower the degree of the fit or merge the apertures that nearly coincide",
         )
     if angles.size == 0:
-        return [(np.array([0.0, 2.0 * np.pi]), np.array([False, False]))]
-    following = np.append(angles[1:], angles[0] + 2.0 * np.pi)
-    return [
-        (np.array([angles[b], following[b]]), np.array([tangent[b], tangent[(b + 1) % angles.size]]))
-        for b in range(angles.size)
-        if following[b] - angles[b] > 1e-13
-    ]
+        return [(np.array([0.0, 2.0 * np.pi]), False)]
+    ends = np.append(angles, angles[0] + 2.0 * np.pi)
+    return [(ends[b : b + 2], True) for b in range(angles.size) if ends[b + 1] - ends[b] > 1e-13]
 
 
 def _refuse(nodes: float, waves: float) -> MethodLimitError:
@@ -183,13 +179,13 @@ def build(region: Region, steering: Array, tilt: float, level: int) -> Quadratur
     cycles, turn = FIRST_CYCLES / REFINEMENT**level, FIRST_TURN / REFINEMENT**level
     rays, owner = [], []
     limit = NODE_CAP // pupil.GAUSS**2
-    for span, tangent in _segments(region, level):
+    for span, cornered in _segments(region, level):
         breaks = pupil.angle_panels(
-            region.clearance, region.ellipses, steering, tilt, span, tangent, cycles, turn, level, limit
+            region.clearance, region.ellipses, steering, tilt, span, cornered, cycles, turn, level, limit
         )
         if breaks.size == 1:
             raise _refuse(float(breaks[0]) ** 2 * pupil.GAUSS**2, spread(region, steering))
-        part, ends = pupil.segment_rays(region.clearance, region.ellipses, span, tangent, breaks)
+        part, ends = pupil.segment_rays(region.clearance, region.ellipses, span, cornered, breaks)
         rays.append(part)
         owner.append(ends)
     all_rays, all_ends = np.concatenate(rays), np.concatenate(owner)

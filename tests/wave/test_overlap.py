@@ -70,6 +70,17 @@ def test_sheared_annuli_with_two_holes_corners_and_pieces(obscuration, shift):
     agree(overlap(moved, still, ONE), area / (np.pi * (1 - obscuration**2)), 1e-6)
 
 
+def test_one_aperture_known_from_two_clouds_of_rays():
+    # two fits of the same edge differ by their misfit and cross many times: no corners worth the name
+    def edge(x, y):
+        return 1 - np.sqrt((x**2 + y**2 + 0.3) / 1.3) + 1e-3 * np.sin(3 * x) * np.cos(2 * y)
+
+    one, other = (fit_field(beam(clearances=[edge], count=count)) for count in (500, 700))
+    result = overlap(one, other, ONE)
+    assert abs(result.value[0] - 1.0) <= result.error_bound[0] < 1e-3
+    assert result.nodes < 50_000
+
+
 def test_disjoint_supports_are_an_answer():
     result = overlap(fit_field(beam(centre=(1.5, 1.5))), FLAT, ONE)
     assert result.value[0] == 0.0 and result.error_bound[0] == 0.0 and result.shared == 0.0
