@@ -7,6 +7,7 @@ h(x) = σ ∫ A(q) exp(i 2πσ (opl(q) + q·x)) d²q with x measured from the fi
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -22,6 +23,7 @@ from cgi_wave.wave.region import METHOD, SAFETY, build, find_region
 
 FFT_CAP = 8192  # samples along one side of the transform
 _FFT_METHOD = "padded FFT, gray edge"
+_PLANNER = threading.Lock()  # planning is not safe in several threads, and a plan owns its array
 
 
 @dataclass(frozen=True)
@@ -139,18 +141,19 @@ def psf(field: PupilField, pixel_m: float, n: int, sigma: float | None = None) -
     s = field.support
     pitch = 1.0 / (sigma * size * pixel_m)
     index = np.arange(size) - size // 2
-    buffer, transform = _plan(size)
-    buffer[:] = 0.0
     held = [np.nonzero(np.abs(index * pitch - s.centre[a]) <= s.scale[a])[0] for a in (0, 1)]
     x, y = ((index[held[a]] * pitch - s.centre[a]) / s.scale[a] for a in (0, 1))
     share = _mask(field, x, y, pitch / s.scale)
     waves = evaluate(path, x, y) * sigma
     sampled = evaluate(amplitude, x, y) * share * np.exp(2j * np.pi * (waves - np.rint(waves)) + 1j * field.phase)
     rows, columns = (np.mod(index[h], size) for h in held)
-    buffer[np.ix_(rows, columns)] = sampled
-    transform.execute()
     crop = np.mod(np.arange(n) - n // 2, size)
-    out = buffer[np.ix_(crop, crop)] * (sigma * pitch**2)
+    with _PLANNER:
+        buffer, transform = _plan(size)
+        buffer[:] = 0.0
+        buffer[np.ix_(rows, columns)] = sampled
+        transform.execute()
+        out = buffer[np.ix_(crop, crop)] * (sigma * pitch**2)
     power = float(field.power_at(np.array([sigma]))[0])
     error = abs(float(np.sum(np.abs(sampled) ** 2)) * pitch**2 / power - 1.0)
     axis = np.asarray((np.arange(n) - n // 2) * pixel_m, np.float64)
