@@ -1,7 +1,7 @@
 """Design the reference instrument's optics and keep ``cgi_wave/data/reference.toml`` in step with it.
 
     uv run python scripts/design_reference.py            spots, margins and OPD of the stored instrument
-    uv run python scripts/design_reference.py --check    optimise from the starting values, compare with the stored numbers
+    uv run python scripts/design_reference.py --check    optimise from the starting values, compare with the stored ones
     uv run python scripts/design_reference.py --write    optimise and write the result into the file
 
 The optimisation starts from the values in ``scripts/design/model.py``; of the stored file it takes what it does not
@@ -14,11 +14,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from cgi_wave.optics.system import REFERENCE, Instrument, from_document, load_instrument
 from design import pipeline
 from design.model import Values
 from design.report import compare, print_report
 from design.tomlfile import edit
+
+from cgi_wave.optics.system import REFERENCE, Instrument, load_instrument
 
 
 def design(template: Instrument) -> dict[str, Values]:

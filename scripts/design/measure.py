@@ -42,14 +42,15 @@ def mirror_step(sequence: Sequence) -> int:
 
 
 def relay_trace(sequence: Sequence, at: Array, sines: Array) -> Array:
-    """Detector points (N, 2) of rays that leave the arm mirror at ``at`` (2,) with direction cosines ``sines`` (N, 2)."""
+    """Detector points (N, 2) of rays that leave the arm mirror at ``at`` (2,) with cosines ``sines`` (N, 2)."""
     first = mirror_step(sequence) + 1
     s, count = sequence, len(sines)
     rays = np.zeros((6, count))
     rays[:2] = at[:, None]
     rays[3:5] = sines.T
     rays[5] = -np.sqrt(1.0 - (sines**2).sum(axis=1))
-    opl, power, clearance, status = np.zeros(count), np.ones(count), np.full(count, np.inf), np.zeros(count, dtype=np.int64)
+    opl, power, clearance = np.zeros(count), np.ones(count), np.full(count, np.inf)
+    status = np.zeros(count, dtype=np.int64)
     trace_sequence(s.rot[first:], s.shift[first:], s.curvature[first:], s.conic[first:], s.n1[first:], s.n2[first:],
                    s.mode[first:], s.weight[first:], s.bare[first:], s.aperture[first:], rays, opl, power, status,
                    clearance, np.empty((0, 2, count)))  # fmt: skip
@@ -58,7 +59,11 @@ def relay_trace(sequence: Sequence, at: Array, sines: Array) -> Array:
 
 @dataclass(frozen=True)
 class Spots:
-    """One field point, wavelength and arm: RMS radii (m), chief ray on the mirror (m, direction cosines), passing share."""
+    """One field point, wavelength and arm.
+
+    objective, relay, chain: RMS radii (m); mirror: chief ray on the arm mirror (m); telecentric: its angle to the
+    mirror's normal (rad); passing: share of the rays that no aperture stops.
+    """
 
     objective: float
     relay: float
@@ -69,15 +74,14 @@ class Spots:
 
 
 def measure_spots(sequence: Sequence, pupil: Array, weight: Array, sines: Array, theta: Array) -> Spots:
-    """Spots of one beam. pupil (N, 2) m with weight (N,), sines (M, 2) of the relay's cone, theta (2,) of the field."""
+    """Spots of one beam: pupil (N, 2) m, sines (N, 2) of the relay's cone, weight (N,) of both, theta (2,)."""
     step = mirror_step(sequence)
     whole = trace(sequence, pupil, theta, footprints=True)
     chief = trace(sequence.upto(step + 1), np.zeros((1, 2)), theta)
     relay = relay_trace(sequence, chief.x[0], sines)
-    return Spots(
-        spot(whole.foot[step].T, weight)[1], spot(relay, np.full(len(sines), 1 / len(sines)))[1], spot(whole.x, weight)[1],
-        chief.x[0], float(np.arcsin(np.hypot(*chief.direction[0]))), float(weight @ whole.passes),
-    )  # fmt: skip
+    radii = spot(whole.foot[step].T, weight)[1], spot(relay, weight)[1], spot(whole.x, weight)[1]
+    angle = float(np.arcsin(np.hypot(*chief.direction[0])))
+    return Spots(*radii, chief.x[0], angle, float(weight @ whole.passes))
 
 
 def nominal_paths(system: OpticalSystem) -> tuple[Path, Path]:
@@ -126,7 +130,9 @@ def aperture_margins(system: OpticalSystem, sequence: Sequence, pupil: Array, th
 def outside(aperture: Array, x: Array, y: Array) -> Array:
     """Distance (m) by which local points lie outside an aperture (negative inside)."""
     dx, dy = x - aperture[3], y - aperture[4]
-    return np.hypot(dx, dy) - aperture[1] if aperture[0] == 1.0 else np.maximum(abs(dx) - aperture[1], abs(dy) - aperture[2])
+    if aperture[0] == 1.0:
+        return np.hypot(dx, dy) - aperture[1]
+    return np.maximum(abs(dx) - aperture[1], abs(dy) - aperture[2])
 
 
 def obstruction_margins(system: OpticalSystem, sequence: Sequence, pupil: Array, theta: Array) -> dict[str, float]:

@@ -19,42 +19,45 @@ Values = dict[str, float | list[float]]
 FOCAL_LENGTH = 130e-3
 #: Distance of the filter's back from the detector, mm.
 FILTER_TO_DETECTOR = 1.0
-#: Height of the relay's axis over the cube's, mm: half-beam (24 mm), convex mirror (17.5 mm) and 1 mm to pass it.
-AXIS_Y = -43.0
+#: Height of the relay's axis over the cube's, mm: half-beam (24 mm), convex mirror (17.6 mm) and 2 mm to pass it.
+AXIS_Y = -44.0
 #: Semi-aperture at which lens 4 keeps an edge of at least EDGE, mm.
 RIM_L4, EDGE = 27.0, 1.3
-#: Residuals of a spot's rays are in µm; places count a fortieth of that, hinges (mm, degrees) 200.
-PLACE, HINGE = 1e6 / 40, 200.0
+#: Residuals of a spot's rays are in µm; a place counts a fortieth of that, a chief ray's angle to the normal of the arm
+#: mirror or of the detector 5 per degree, a missing mm of edge 200.
+PLACE, TILT, HINGE = 1e6 / 40, 5.0 * 180 / np.pi, 200.0
 
 #: Lenses 1 to 3 and the dichroic are shared with the SWIR channel and stay as they are in the file.
 LENSES = {
     "L4_front.radius_mm": 54.727,
-    "L4_front.thickness_mm": 12.0,
     "L4_back.radius_mm": -109.930,
     "L4_back.thickness_mm": 31.611,
     "L5_front.radius_mm": -40.189,
-    "L5_front.thickness_mm": 10.0,
     "L5_back.radius_mm": -82.635,
     "L5_back.thickness_mm": 21.271,
 }
-#: A near-concentric Offner, found by the relay stage from one of 260 mm with its ring at 42 mm; z from the cube's exit
-#: face, y from the cube's axis.
+#: An Offner: concave mirrors concentric about the place where the arm mirrors seem to be, seen through plate and cube
+#: (24.57 mm inside the exit face); the convex mirror 0.53 mm weaker than half of them and its centre moved by 1.57 mm
+#: towards it. z from the cube's exit face, y from the cube's axis.
 RELAY = {
-    "M2.radius_mm": -136.2,
-    "M1_z": 235.2,
-    "M2_z": 106.6,
-    "M3_z": 234.6,
-    "M2_y": -42.8,
-    "M3_y": -42.7,
-    "image_z": -26.0,
-    "image_tilt": 1.1,
-    "filter_NIR": 2.46,
+    "M2.radius_mm": -131.53,
+    "M2_z": 108.53,
+    "M2_y": AXIS_Y,
+    "M3_z": 237.43,
+    "M3_y": AXIS_Y,
+    "image_z": -28.4,
+    "image_tilt": 0.0,
+    "filter_NIR": 2.5,
 }
-#: Held: the concave mirrors' common radius, the place of the image, the two mirror offsets (0.28 mm apart) and one
-#: filter, since a filter's thickness and the detector's place move the focus alike.
+#: Held: thicknesses that only grow, the concave mirrors' common radius and the place of the first (sliding the relay
+#: along changes little), the place of the image, the two mirror offsets (0.28 mm apart) and one filter, since a
+#: filter's thickness and the detector's place move the focus alike.
 FIXED = {
+    "L4_front.thickness_mm": 13.0,
+    "L5_front.thickness_mm": 12.0,
     "M1.radius_mm": -262.0,
     "M3.radius_mm": -262.0,
+    "M1_z": 237.43,
     "M1_y": AXIS_Y,
     "image_y": 2 * AXIS_Y,
     "visnir.start_mm": 27.0,
@@ -62,20 +65,8 @@ FIXED = {
     "gap_VIS": 1.25,
     "filter_VIS": 1.0,
 }
-BOUNDS = {
-    "L4_front.thickness_mm": (9.0, 14.0),
-    "L5_front.thickness_mm": (5.0, 12.0),
-    "L5_back.thickness_mm": (14.0, 35.0),
-    "M2.radius_mm": (-140.0, -124.0),
-    "M1_z": (225.0, 250.0),
-    "M2_z": (95.0, 115.0),
-    "M3_z": (225.0, 250.0),
-    "image_z": (-28.0, -14.0),
-    "M2_y": (AXIS_Y - 0.2, AXIS_Y + 0.2),
-    "M3_y": (AXIS_Y - 0.3, AXIS_Y + 0.3),
-    "image_tilt": (-2.0, 2.0),
-    "filter_NIR": (1.0, 3.0),
-}
+#: Decentres stay small against the room beside the convex mirror.
+BOUNDS = {"M2_y": (AXIS_Y - 0.5, AXIS_Y + 0.5), "M3_y": (AXIS_Y - 0.5, AXIS_Y + 0.5)}
 
 
 def values_of(x: dict[str, float], band: str) -> Values:
@@ -86,9 +77,9 @@ def values_of(x: dict[str, float], band: str) -> Values:
         out[f"{frame}.shift_mm"] = [0.0, x[f"M{number}_y"], 0.0]
         out[f"{frame}.start_mm"] = x[f"M{number}_z"]
     out["focal.shift_mm"] = [0.0, x["image_y"], x["image_z"]]
-    out["focal.rotate_deg"] = [round(180.0 + x["image_tilt"], 6), 0.0, 0.0]
+    out["focal.rotate_deg"] = [180.0 + x["image_tilt"], 0.0, 0.0]
     out["filter_front.thickness_mm"] = x[f"filter_{band}"]
-    out["focal.start_mm"] = round(-x[f"filter_{band}"] - FILTER_TO_DETECTOR, 6)
+    out["focal.start_mm"] = -x[f"filter_{band}"] - FILTER_TO_DETECTOR
     return out
 
 
@@ -151,10 +142,10 @@ class Merit:
             whole = trace(sequence, self.pupil, theta, footprints=True)
             spots += [(self.weights[0], whole.foot[step].T), (self.weights[2], whole.x)]
             direction = trace(sequence.upto(step + 1), np.zeros((1, 2)), theta).direction[0]
-            angle = np.degrees(np.arcsin(np.hypot(*direction)))
-            # 0.17 leaves a margin to the accepted 0.2 degrees; the focal length is that of the mirror's image.
-            out += [max(angle - 0.17, 0.0) * HINGE, (abs(at_mirror[0]) - abs(theta[0]) * FOCAL_LENGTH) * PLACE]
+            # The focal length is that of the mirror's image.
+            out += [*direction * TILT, (abs(at_mirror[0]) - abs(theta[0]) * FOCAL_LENGTH) * PLACE]
         if self.weights[1]:
+            out += list(chief.direction[0] * TILT)
             spots.append((self.weights[1], relay_trace(sequence, at_mirror, self.sines)))
         if self.weights[2]:
             # The image of a zone falls on that zone.

@@ -1,4 +1,4 @@
-"""From the starting values to the numbers of the instrument file: optimise, set the interferometer, cut the apertures."""
+"""From starting values to the instrument file's numbers: optimise, set the interferometer, cut the apertures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ RIM = 0.5
 #: Values that differ from band to band; all others are the instrument's.
 PER_BAND = ("plate1_front.thickness_mm", "plate1_back.thickness_mm", "plate2_back.thickness_mm", "plate2_back.tilt_deg",
             "mirror2.tilt_deg", "filter_front.thickness_mm", "focal.start_mm")  # fmt: skip
-CUT = ("L1_front", "L1_back", "L2_front", "L2_back", "L3_front", "L3_back", "L4_front", "L4_back", "L5_front", "L5_back", "M2")
+LENS_NAMES = ("L1", "L2", "L3", "L4", "L5")
+#: Surfaces whose apertures follow the beam.
+CUT = (*(f"{lens}_{face}" for lens in LENS_NAMES for face in ("front", "back")), "M2")
 
 
 def optimise(instrument: Instrument) -> dict[str, float]:
@@ -31,13 +33,15 @@ def optimise(instrument: Instrument) -> dict[str, float]:
     at = {**model.LENSES, **model.RELAY, **model.FIXED}
     stages: list[tuple[str, List[str], tuple[float, float, float]]] = [
         ("objective", list(model.LENSES), (1.0, 0.0, 0.0)),
+        ("relay's focus", ["M2.radius_mm", "M2_z", "image_z", "filter_NIR"], (0.0, 1.0, 0.0)),
         ("relay", list(model.RELAY), (0.0, 1.0, 0.0)),
         ("whole chain", [*model.LENSES, *model.RELAY], (0.5, 0.5, 1.0)),
     ]
     for title, free, weights in stages:
         merit = Merit(instrument, free, at, weights)
         bounds = np.array([model.BOUNDS.get(name, (-np.inf, np.inf)) for name in free]).T
-        found = least_squares(merit, [at[name] for name in free], bounds=bounds, x_scale="jac", ftol=1e-6, xtol=1e-9, max_nfev=150)
+        start = [at[name] for name in free]
+        found = least_squares(merit, start, bounds=bounds, x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=150)
         print(f"{title}: cost {found.cost:.2f} um^2 after {found.nfev} steps", file=sys.stderr)
         at = merit.named(found.x)
     return {name: round(value, 4) for name, value in at.items()}
@@ -117,11 +121,10 @@ def cut_apertures(systems: List[OpticalSystem]) -> dict[str, float]:
             beam = system.surfaces[system.number[name]].aperture[1] * 1e3 - free[name]
             needed[name] = max(needed.get(name, 0.0), beam)
     sizes = {name: float(np.ceil(10 * (beam + RIM) - 1e-6) / 10) for name, beam in needed.items()}
-    # The two faces of a lens are ground on one blank.
-    for lens in ("L1", "L2", "L3", "L4", "L5"):
+    # The faces of lenses 1, 4 and 5 need much the same: they get one semi-aperture.
+    for lens in ("L1", "L4", "L5"):
         both = [f"{lens}_front", f"{lens}_back"]
-        if lens in ("L1", "L4", "L5"):
-            sizes |= dict.fromkeys(both, max(sizes[name] for name in both))
+        sizes |= dict.fromkeys(both, max(sizes[name] for name in both))
     return sizes
 
 
@@ -138,6 +141,8 @@ def aperture_values(sizes: dict[str, float], shared: Values) -> dict[str, object
     out["mask_around_M2.start_mm"] = round(float(shared["convex.start_mm"]) - float(behind), 3)  # type: ignore[arg-type]
     out["relay_mask.aperture"] = {"half_width_mm": [45.0, round(rim + 0.4, 3)]}
     out["septum.shift_mm"] = [0.0, model.AXIS_Y, 40.0]
-    for name, side in (("M1", 1.0), ("M3", -1.0)):
-        out[f"{name}.aperture"] = {"half_width_mm": [43.0, 41.5], "centre_mm": [0.0, -side * model.AXIS_Y]}
+    # The beams on the concave mirrors are centred on the arm mirrors' image and on the detector.
+    for name, frame, beam in (("M1", "concave_out", 0.0), ("M3", "concave_back", 2 * model.AXIS_Y)):
+        centre = round(beam - shared[f"{frame}.shift_mm"][1], 3)  # type: ignore[index]
+        out[f"{name}.aperture"] = {"half_width_mm": [44.0, 43.0], "centre_mm": [0.0, centre]}
     return out

@@ -4,16 +4,36 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from cgi_wave.optics.system import Instrument, OpticalSystem
 from cgi_wave.rays.trace import compile_sequence
 from design.measure import RELAY_SINE, field_angles, measure_spots, nominal_paths, obstruction_margins
 from design.model import Values
-from design.pipeline import CUT, full_field, margins, opd_and_fringes, rim_rays
+from design.pipeline import LENS_NAMES, full_field, margins, opd_and_fringes, rim_rays
 
 Array = NDArray[np.float64]
 #: A rerun must give the stored values to this, mm or degrees. Spots then agree to better than 0.1 um.
 TOLERANCE = 5e-3
+#: Surfaces of different mounts that come close to each other.
+NEIGHBOURS = tuple(
+    pair.split()
+    for pair in (
+        "L1_back L2_front",
+        "L2_back L3_front",
+        "L3_back dichroic_front",
+        "L3_back dichroic_back",
+        "L4_front dichroic_front",
+        "L4_front L3_back",
+        "L4_back L5_front",
+        "L5_back cube_in",
+        "plate1_back mirror1",
+        "plate2_back mirror2",
+        "M1 M3",
+        "M2 relay_mask",
+        "filter_front cube_exit",
+    )
+)
 
 
 def grid(count: int = 41) -> Array:
@@ -27,8 +47,8 @@ def grid(count: int = 41) -> Array:
 
 def print_report(instrument: Instrument) -> None:
     """Spots, telecentricity, margins, foci, OPD and fringes of every band."""
-    print("radial RMS spot / um about the centroid; chief ray at the arm mirror / deg; share of the stop's rays that pass")
-    print(f"{'band':5}{'x/mm':>8}{'y/mm':>8}{'nm':>7} arm{'objective':>10}{'relay':>7}{'chain':>7}{'chief':>8}{'passing':>9}")
+    print("radial RMS spot / um about the centroid; chief ray at the arm mirror / deg; share of rays that pass")
+    print("band     x/mm    y/mm     nm arm objective  relay  chain   chief  passing")
     worst = np.zeros(4)
     for band in instrument.bands:
         worst = np.maximum(worst, _print_spots(instrument.band(band)))
@@ -37,13 +57,20 @@ def print_report(instrument: Instrument) -> None:
         system = instrument.band(band)
         opd, fringes = opd_and_fringes(system)
         gap = next(s.thickness_mm for f in system.document.frame for s in f.surface if s.name == "plate2_back")
-        print(f"{band}: mirror {gap:.4f} mm behind plate 2; group OPD {opd * 1e3:.6f} mm (target {system.spec.target_opd_mm}), "
-              f"{abs(fringes):.3f} fringes over the zone, {system.spec.zone_rows[1] - system.spec.zone_rows[0]} rows")  # fmt: skip
-        free = margins(system)
-        print(f"{band}: clear beyond the full field's rays / mm: " + ", ".join(f"{k} {v:.2f}" for k, v in free.items() if v < 3))
-        beside = obstructions(system)
-        print(f"{band}: passed by / mm: " + ", ".join(f"{k} {v:.2f}" for k, v in beside.items() if v < 10))
-    print("edges / mm: " + ", ".join(f"{k} {v:.2f}" for k, v in edges(instrument.band(instrument.bands[0])).items()))
+        rows = system.spec.zone_rows[1] - system.spec.zone_rows[0]
+        print(
+            f"{band}: mirror {gap:.4f} mm behind plate 2; group OPD {opd * 1e3:.6f} mm "
+            f"(target {system.spec.target_opd_mm}), {abs(fringes):.3f} fringes over {rows} rows"
+        )
+        print(f"{band}: clear beyond the full field's rays / mm: {_listed(margins(system), 3.0)}")
+        print(f"{band}: passed by / mm: {_listed(obstructions(system), 10.0)}")
+    system = instrument.band(instrument.bands[0])
+    print("apart / mm: " + ", ".join(f"{a} {b} {apart(system, a, b):.1f}" for a, b in NEIGHBOURS))
+    print("edges / mm: " + ", ".join(f"{k} {v:.2f}" for k, v in edges(system).items()))
+
+
+def _listed(values: dict[str, float], below: float) -> str:
+    return ", ".join(f"{name} {value:.2f}" for name, value in values.items() if value < below)
 
 
 def _print_spots(system: OpticalSystem) -> Array:
@@ -57,8 +84,8 @@ def _print_spots(system: OpticalSystem) -> Array:
                 s = measure_spots(compile_sequence(system, path, 1e9 / nm), pupil, weight, sines, angles)
                 row = np.array([s.objective * 1e6, s.relay * 1e6, s.chain * 1e6, np.degrees(s.telecentric)])
                 worst = np.maximum(worst, row)
-                print(f"{system.band:5}{at[0]:8.3f}{at[1]:8.3f}{nm:7.1f} {arm:3}{row[0]:10.2f}{row[1]:7.2f}{row[2]:7.2f}"
-                      f"{row[3]:8.3f}{s.passing:9.4f}")  # fmt: skip
+                where = f"{system.band:5}{at[0]:8.3f}{at[1]:8.3f}{nm:7.1f} {arm:3}"
+                print(where + "{:10.2f}{:7.2f}{:7.2f}{:8.3f}".format(*row) + f"{s.passing:9.4f}")
     return worst
 
 
@@ -76,12 +103,25 @@ def obstructions(system: OpticalSystem) -> dict[str, float]:
 def edges(system: OpticalSystem) -> dict[str, float]:
     """Edge thickness (mm) of each lens at the larger aperture of its two faces."""
     found = {}
-    for lens in sorted({name.partition("_")[0] for name in CUT if name != "M2"}):
+    for lens in LENS_NAMES:
         front, back = (system.surfaces[system.number[f"{lens}_{face}"]] for face in ("front", "back"))
         radius = np.array(max(front.aperture[1], back.aperture[1]))
         apart = np.linalg.norm(back.origin - front.origin)
         found[lens] = float(apart + back.sag(radius, 0 * radius) - front.sag(radius, 0 * radius)) * 1e3
     return found
+
+
+def apart(system: OpticalSystem, one: str, other: str, count: int = 81) -> float:
+    """Smallest distance (mm) between two surfaces inside their apertures."""
+    clouds = []
+    for name in (one, other):
+        surface = system.surfaces[system.number[name]]
+        _, hx, hy, cx, cy = surface.aperture
+        x, y = (a.ravel() for a in np.meshgrid(np.linspace(-hx, hx, count), np.linspace(-hy, hy, count)))
+        inside = np.ones_like(x, dtype=bool) if surface.aperture[0] == 2.0 else np.hypot(x, y) <= hx
+        x, y = x[inside] + cx, y[inside] + cy
+        clouds.append(np.stack([x, y, surface.sag(x, y)], axis=1) @ surface.rotation + surface.origin)
+    return float(KDTree(clouds[0]).query(clouds[1])[0].min()) * 1e3
 
 
 def compare(stored: Instrument, designed: dict[str, Values]) -> int:
