@@ -15,7 +15,7 @@ from cgi_wave.rays.trace import compile_sequence, history, trace
 Array = NDArray[np.float64]
 
 FAN = 7
-"""Rays of a fan across the pupil."""
+"""Rays of a fan across the pupil, of which two are drawn, crossed."""
 
 FIELDS = (0, 1, 4)
 """Field points drawn: the zone's centre and two opposite corners."""
@@ -56,7 +56,7 @@ def _view(system: OpticalSystem, plane: tuple[int, int], across: int) -> dict[st
         "rays": [
             {"points_m": points[:, plane], "group": group}
             for group, index in enumerate(FIELDS)
-            for points in _fan(system, system.field_points()[index], across)
+            for points in _fan(system, system.field_points()[index])
         ],
     }
 
@@ -72,11 +72,15 @@ def _profile(surface: Surface, across: int, count: int = 31) -> Array:
     return points @ surface.rotation + surface.origin
 
 
-def _fan(system: OpticalSystem, x0: Array, across: int) -> list[Array]:
-    """Rays to the detector point x0 (2,) through a line of pupil points, on each nominal path: (K, 3) world points."""
+def _fan(system: OpticalSystem, x0: Array) -> list[Array]:
+    """Rays to the detector point x0 (2,) through a cross of pupil points, on each nominal path: (K, 3) world points.
+
+    Of the cross's two lines one lies in the plane of a view as long as no mirror turns the light out of it, and the
+    other one behind such a mirror: the cone is seen everywhere.
+    """
     axes, origin = system.pupil_frame()
-    line = np.zeros((FAN, 2))
-    line[:, int(np.argmin(np.abs(axes[:2, across])))] = np.linspace(-0.98, 0.98, FAN) * system.pupil_radius
+    height = np.linspace(-0.98, 0.98, FAN) * system.pupil_radius
+    line = np.concatenate([np.outer(height, axis) for axis in np.eye(2)])
     rays = []
     for path in find_paths(system, max_order=0, max_splits=0):
         theta = nominal_direction(system, path, x0)
