@@ -102,6 +102,32 @@ def _lit_points(supports: Sequence[Support], lo: Array, hi: Array) -> tuple[Arra
     return x, y, least
 
 
+def _clearances(supports: Sequence[Support], lo: Array, hi: Array) -> Array:
+    """(K, X, Y) all clearances of all supports on a grid over a box."""
+    x, y = np.linspace(lo[0], hi[0], _GRID), np.linspace(lo[1], hi[1], _GRID)
+    return np.concatenate(
+        [evaluate(s.clearance, (x - s.centre[0]) / s.scale[0], (y - s.centre[1]) / s.scale[1]) for s in supports]
+    )
+
+
+def _bounding(grids: Sequence[Array]) -> NDArray[np.int64]:
+    """Which clearances, given on grids (K, X, Y), can bound the region: the others stay positive where the rest are.
+
+    All comparisons leave the change over one cell as a margin. Clearances go one by one, the most positive first. One
+    of the grids has to cover all that rays can reach, or a piece that only a dropped clearance excludes would appear.
+    """
+    cells = [sum(np.abs(np.diff(g, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)) for g in grids]
+    kept = list(range(len(grids[0])))
+    for k in np.argsort([-c.min() for c in grids[-1]]):
+        others = [j for j in kept if j != k]
+        if others and all(
+            np.all((g[k] > cell[k]) | np.any(g[others] <= -cell[others, None, None], axis=0))
+            for g, cell in zip(grids, cells, strict=True)
+        ):
+            kept = others
+    return np.array(kept, np.int64)
+
+
 def find_region(supports: Sequence[Support]) -> Region | None:
     """The common region of the supports, or None when they do not meet.
 
@@ -112,7 +138,7 @@ def find_region(supports: Sequence[Support]) -> Region | None:
     hi = np.min([s.centre + s.scale for s in supports], axis=0)
     if np.any(hi <= lo):
         return None
-    points = np.empty((0, 2))
+    everywhere, points = (lo, hi), np.empty((0, 2))
     for _ in range(14):
         x, y, least = _lit_points(supports, lo, hi)
         i, j = np.nonzero(least > 0.0)
@@ -132,9 +158,11 @@ def find_region(supports: Sequence[Support]) -> Region | None:
     frame = np.abs(points - pivot).max(axis=0) + 1.5 * step
     extent = (points - pivot) / frame
     n = max(s.clearance.shape[-1] for s in supports)
+    kept = _bounding([_clearances(supports, *everywhere), _clearances(supports, lo, hi)])
     clearance = np.concatenate([expand(s.clearance, s.centre, s.scale, pivot, frame, n) for s in supports])
     ellipses = np.array([[*((s.centre - pivot) / frame), *(s.scale / frame)] for s in supports])
-    return Region(pivot, frame, clearance, np.concatenate([s.residual for s in supports]), ellipses, extent)
+    residual = np.concatenate([s.residual for s in supports])
+    return Region(pivot, frame, clearance[kept], residual[kept], ellipses, extent)
 
 
 def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
