@@ -3,6 +3,7 @@
     uv run python scripts/design_reference.py            spots, margins and OPD of the stored instrument
     uv run python scripts/design_reference.py --check    optimise from the starting values, compare with the stored ones
     uv run python scripts/design_reference.py --write    optimise and write the result into the file
+    uv run --group validation python scripts/design_reference.py --independent    trace it with batoid, too
 
 The optimisation starts from the values in ``scripts/design/model.py``; of the stored file it takes what it does not
 change (lenses 1 to 3, dichroic, cube, coatings, bands).
@@ -15,6 +16,7 @@ import sys
 from pathlib import Path
 
 from design import pipeline
+from design.independent import print_comparison
 from design.model import Values
 from design.report import compare, print_report
 from design.tomlfile import edit
@@ -37,9 +39,13 @@ def main(arguments: list[str] | None = None) -> int:
     group = parser.add_mutually_exclusive_group()
     group.add_argument("--write", action="store_true", help="write the designed values into the instrument file")
     group.add_argument("--check", action="store_true", help="compare the designed values with the stored ones")
+    group.add_argument("--independent", action="store_true", help="compare our rays with those of batoid")
     parser.add_argument("--instrument", type=Path, default=REFERENCE, help="instrument file (default: the reference)")
     options = parser.parse_args(arguments)
     stored = load_instrument(options.instrument)
+    if options.independent:
+        print_comparison(stored)
+        return 0
     if options.write or options.check:
         designed = design(stored)
         if options.check:
