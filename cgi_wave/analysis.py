@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from cgi_wave.budget.fieldpoint import FieldPoint, field_point
 from cgi_wave.budget.ghosts import ghost_rows
@@ -152,7 +153,8 @@ def analyse_band(
         pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
         return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)
 
-    with ThreadPoolExecutor(THREADS) as pool:
+    # The threads share the field points; a BLAS that starts threads of its own for 300 × 90 matrices only waits.
+    with threadpool_limits(1), ThreadPoolExecutor(THREADS) as pool:
         fields = tuple(pool.map(one, range(len(system.field_points()))))
     rows = ghost_rows(system, [(field.point, field.source) for field in fields])
     return BandResult(name, fields, table1(name, [f.retrieval for f in fields]), rows, fields[0].point.plan.table(60))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,9 @@ from cgi_wave.budget.plan import PairPlan, plan_pairs
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.beams import Rays, nominal_direction, rays_to_point, spot
+from cgi_wave.rays.beams import Rays, disc, monomials, nominal_direction, rays_to_point, spot
 from cgi_wave.rays.paths import Path
-from cgi_wave.wave.basis import at_points, chebyshev_wavenumbers
+from cgi_wave.wave.basis import chebyshev_wavenumbers
 from cgi_wave.wave.field import PupilField, fit_field, power
 from cgi_wave.wave.overlap import overlap_spectrum
 from cgi_wave.wave.samples import PupilSamples, Space
@@ -25,6 +25,11 @@ Array = NDArray[np.float64]
 TRACED_WAVENUMBERS = 3
 #: What a computed pair may add to the error of M, as a share of the tolerance.
 PAIR_SHARE = 0.1
+#: Misfit of pupil fields (rad of phase, amplitude and clearance together) at which a degree is enough.
+FIT_TARGET = 1e-5
+#: Pupil points at which group OPDs are compared, and the degree of the polynomials that carry them there.
+COMMON_POINTS = 300
+GROUP_DEGREE = 6
 #: Room for the zone's own fringes and for the parabola in σ, m, when the OPD range of a pair is bounded.
 OPD_MARGIN = 2e-5
 
@@ -42,14 +47,14 @@ class Unresolved:
 class FieldPoint:
     """Beams and coherence at detector point x0 (m), seen from source direction theta (cosines).
 
-    fields: pupil fields (uniform scene) of ``paths``, in the order of ``coherency.labels``; empty: labels of paths that
-    do not reach this point; unresolved: see there.
+    rays: of ``paths``, in the order of ``coherency.labels``; empty: labels of paths that do not reach this point;
+    unresolved: beams that a pair needed and whose field could not be made (the pair is then left out with its bound).
     """
 
     x0: Array
     theta: Array
     paths: tuple[Path, ...]
-    fields: tuple[PupilField, ...]
+    rays: tuple[Rays, ...]
     coherency: Coherency
     plan: PairPlan
     empty: tuple[str, ...]
@@ -83,45 +88,64 @@ def field_point(
     largest coherence of the filtered spectrum over a range of OPDs (m). nma: the nominal one, for the bounds.
     tolerance: largest part of the nominal modulation that one pair may add and be left out.
 
+    A beam of which every pair stays below the tolerance adds its power only: that is summed over its rays, with the
+    error of such a sum, and no field is fitted to it.
+
     Raises EmptyBeamError if a nominal beam does not arrive.
     """
     sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)
     theta = nominal_direction(system, paths[0], x0)
-    fields: list[PupilField] = []
+    traced: list[Rays] = []
     kept: list[Path] = []
     empty: list[str] = []
-    unresolved: list[Unresolved] = []
     for path in paths:
         try:
-            rays = rays_to_point(system, path, x0, sigma, theta)
-            fields.append(fit_field(pupil_samples(rays, path, "pupil", sigma, x0)))
+            traced.append(rays_to_point(system, path, x0, sigma, theta))
             kept.append(path)
         except EmptyBeamError:
             if path.order == 0:
                 raise
             empty.append(path.label)
-        except CgiWaveError as error:
-            if path.order == 0:
-                raise
-            unresolved.append(Unresolved(path.label, str(error), path.estimate))
-    middle = TRACED_WAVENUMBERS // 2
-    powers = np.array([power(field)[0][middle] for field in fields])
+    labels = tuple(path.label for path in kept)
+    sums = np.array([rays.power() for rays in traced])
     # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
-    transmission = powers / powers[0] * spot(system, kept[0], theta, system.sigma0).power
-    low, high = opd_ranges(fields)
-    plan = plan_pairs(
-        tuple(path.label for path in kept), transmission, families(kept), low, high, np.ones_like(low), envelope, nma, tolerance,
-    )  # fmt: skip
+    share = spot(system, kept[0], theta, system.sigma0).power / sums[0, 0]
+    low, high = opd_ranges(traced, sigma)
+    ones = np.ones_like(low)
+    plan = plan_pairs(labels, sums[:, 0] * share, families(kept), low, high, ones, envelope, nma, tolerance)
+    fields, unresolved = _fields(traced, kept, plan, sigma, x0)
+    share = spot(system, kept[0], theta, system.sigma0).power / power(fields[0])[0][TRACED_WAVENUMBERS // 2]
+    transmission, error = sums.T * share
+    for number, field in fields.items():
+        value, relative = power(field)
+        transmission[number] = value[TRACED_WAVENUMBERS // 2] * share
+        error[number] = transmission[number] * relative
     pairs, failed = _pairs(fields, transmission, plan, sigma_range, nma, tolerance)
     coherency = Coherency(
-        tuple(path.label for path in kept), families(kept), np.array([path.order for path in kept], dtype=np.int64),
-        transmission, tuple(pairs), (*plan.left_out, *failed),
+        labels, families(kept), np.array([path.order for path in kept], dtype=np.int64), transmission, tuple(pairs),
+        (*plan.left_out, *failed), error,
     )  # fmt: skip
-    return FieldPoint(x0, theta, tuple(kept), tuple(fields), coherency, plan, tuple(empty), tuple(unresolved))
+    return FieldPoint(x0, theta, tuple(kept), tuple(traced), coherency, plan, tuple(empty), unresolved)
+
+
+def _fields(
+    traced: Sequence[Rays], paths: Sequence[Path], plan: PairPlan, sigma: Array, x0: Array
+) -> tuple[dict[int, PupilField], tuple[Unresolved, ...]]:
+    """Pupil fields of the beams that a kept pair needs; a ghost whose field cannot be made is named, with the reason."""
+    fields: dict[int, PupilField] = {}
+    unresolved: list[Unresolved] = []
+    for number in sorted({number for pair in plan.kept for number in (pair.m, pair.l)}):
+        try:
+            fields[number] = fit_field(pupil_samples(traced[number], paths[number], "pupil", sigma, x0), target=FIT_TARGET)
+        except CgiWaveError as error:
+            if number < 2:
+                raise
+            unresolved.append(Unresolved(paths[number].label, str(error), paths[number].estimate))
+    return fields, tuple(unresolved)
 
 
 def _pairs(
-    fields: Sequence[PupilField],
+    fields: Mapping[int, PupilField],
     transmission: Array,
     plan: PairPlan,
     sigma_range: tuple[float, float],
@@ -132,6 +156,9 @@ def _pairs(
     pairs: list[Pair] = []
     failed: list[LeftOut] = []
     for item in plan.kept:
+        if item.m not in fields or item.l not in fields:
+            failed.append(LeftOut(item.m, item.l, item.modulation, "not resolved: no pupil field"))
+            continue
         weight = np.sqrt(transmission[item.m] * transmission[item.l] / (transmission[0] * transmission[1])) / nma
         tol = float(np.clip(PAIR_SHARE * tolerance / weight, 1e-7, 1e-2))
         try:
@@ -145,32 +172,30 @@ def _pairs(
     return pairs, failed
 
 
-def opd_ranges(fields: Sequence[PupilField]) -> tuple[Array, Array]:
+def opd_ranges(traced: Sequence[Rays], sigma: Array) -> tuple[Array, Array]:
     """Smallest and largest group OPD of every pair over the pupil points that both feed, (B, B) m each.
 
-    Group path length = d(σ·opl)/dσ. Pairs that share no sampled point get the whole range of both.
+    Group path length = d(σ·opl)/dσ, here between the outer traced wavenumbers, as a polynomial over each beam's pupil.
+    Pairs that share no point get the whole range of both.
     """
-    count = 400
-    k = np.arange(count) + 0.5
-    spiral = np.column_stack([np.cos(np.pi * (1 + 5**0.5) * k), np.sin(np.pi * (1 + 5**0.5) * k)]) * np.sqrt(k / count)[:, None]
-    centres = np.array([field.support.centre for field in fields])
-    scales = np.array([field.support.scale for field in fields])
-    lo, hi = (centres - scales).min(axis=0), (centres + scales).max(axis=0)
-    points = 0.5 * (lo + hi) + 0.5 * (hi - lo) * spiral
-    group = np.full((len(fields), count), np.nan)
-    for b, field in enumerate(fields):
-        x = (points - field.support.centre) / field.support.scale
-        near = (x**2).sum(axis=1) <= 1.0
-        s = field.sigma
-        # d(σ·opl)/dσ at the middle node from the parabola through three nodes.
-        product = field.opl * s[:, None, None]
-        coefficient = (product[-1] - product[0]) / (s[-1] - s[0])
-        group[b, near] = at_points(coefficient, x[near])
-    low, high = np.empty((len(fields),) * 2), np.empty((len(fields),) * 2)
+    lo = np.min([rays.pupil[0].min(axis=0) for rays in traced], axis=0)
+    hi = np.max([rays.pupil[0].max(axis=0) for rays in traced], axis=0)
+    points = 0.5 * (lo + hi) + 0.5 * (hi - lo) * disc(COMMON_POINTS)
+    group = np.full((len(traced), len(points)), np.nan)
+    for b, rays in enumerate(traced):
+        p = rays.pupil[0]
+        product = rays.opl * sigma[:, None]
+        length = (product[-1] - product[0]) / (sigma[-1] - sigma[0])
+        centre, half = 0.5 * (p.min(axis=0) + p.max(axis=0)), 0.5 * float(np.ptp(p, axis=0).max())
+        near = ((points - centre) ** 2).sum(axis=1) <= (1.05 * half) ** 2
+        coefficient = np.linalg.lstsq(monomials((p - centre) / half, GROUP_DEGREE), length, rcond=None)[0]
+        group[b, near] = monomials((points[near] - centre) / half, GROUP_DEGREE) @ coefficient
+    low, high = np.empty((len(traced),) * 2), np.empty((len(traced),) * 2)
     least, most = np.nanmin(group, axis=1), np.nanmax(group, axis=1)
-    for m in range(len(fields)):
+    for m in range(len(traced)):
         difference = group[m] - group
         shared = np.isfinite(difference).any(axis=1)
-        low[m] = np.where(shared, np.nanmin(np.where(shared[:, None], difference, 0.0), axis=1), least[m] - most)
-        high[m] = np.where(shared, np.nanmax(np.where(shared[:, None], difference, 0.0), axis=1), most[m] - least)
+        filled = np.where(shared[:, None], difference, 0.0)
+        low[m] = np.where(shared, np.nanmin(filled, axis=1), least[m] - most)
+        high[m] = np.where(shared, np.nanmax(filled, axis=1), most[m] - least)
     return low - OPD_MARGIN, high + OPD_MARGIN

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,8 @@ from numpy.typing import NDArray
 from cgi_wave.budget.fieldpoint import FieldPoint
 from cgi_wave.budget.pointsource import PointSource
 from cgi_wave.optics.system import OpticalSystem
+from cgi_wave.rays.beams import Rays, monomials
 from cgi_wave.rays.paths import Path
-from cgi_wave.wave.basis import at_points
-from cgi_wave.wave.field import PupilField
 
 Array = NDArray[np.float64]
 
@@ -74,21 +74,22 @@ GEOMETRY = ("opd_m", "opd_arm2_m", "slope", "slope_count", "fringes", "contrast_
 def _geometry(system: OpticalSystem, point: FieldPoint, path: Path) -> dict[str, float | None]:
     """OPD, slope and fringes against the nominal beams, and |J| under a uniform scene (None: bounded, not computed)."""
     number = point.coherency.labels.index(path.label)
-    field, arm1, arm2 = point.fields[number], point.fields[0], point.fields[1]
-    p, q = _common_points(field, arm1)
-    slope = float(np.mean(_y_direction(field, p) - _y_direction(arm1, p)))
-    nominal = float(np.mean(_y_direction(arm1, p) - _y_direction(arm2, p)))
+    ghost, arm1, arm2 = (At.of(point.rays[k]) for k in (number, 0, 1))
+    slope = float(np.mean(ghost.y - arm1.y_at(ghost.p)))
+    nominal = float(np.mean(arm1.y_at(ghost.p) - arm2.y_at(ghost.p)))
+    middle_point = ghost.p[[int(np.argmin(((ghost.p - ghost.p.mean(axis=0)) ** 2).sum(axis=1)))]]
+    length = float(ghost.opl_at(middle_point)[0])
     _, _, y0, y1 = system.zone()
     pair = next((pair for pair in point.coherency.pairs if (pair.m, pair.l) in ((0, number), (number, 0))), None)
-    middle = None if pair is None else len(pair.sigma) // 2
+    half = None if pair is None else len(pair.sigma) // 2
     return {
-        "opd_m": _path_length(field, q) - _path_length(arm1, q),
-        "opd_arm2_m": _path_length(field, q) - _path_length(arm2, q),
+        "opd_m": length - float(arm1.opl_at(middle_point)[0]),
+        "opd_arm2_m": length - float(arm2.opl_at(middle_point)[0]),
         "slope": slope,
         "slope_count": count_slope(system, point.paths[0], point.paths[1], path, nominal),
         "fringes": abs(slope) * (y1 - y0) * system.sigma0,
-        "contrast_uniform": None if pair is None else float(abs(pair.gamma[middle])),
-        "contrast_uniform_error": None if pair is None else float(pair.error[middle]),
+        "contrast_uniform": None if pair is None else float(abs(pair.gamma[half])),
+        "contrast_uniform_error": None if pair is None else float(pair.error[half]),
     }
 
 
@@ -105,23 +106,36 @@ def count_slope(system: OpticalSystem, arm1: Path, arm2: Path, path: Path, nomin
     return None if met1 == met2 else nominal_slope * (met - met1) / (met1 - met2)
 
 
-def _common_points(field: PupilField, nominal: PupilField) -> tuple[Array, Array]:
-    """Pupil points that the ghost uses (at least its own centre), and the one nearest to their middle; (N, 2), (1, 2)."""
-    k = np.arange(200) + 0.5
-    disc = np.column_stack([np.cos(2.399963 * k), np.sin(2.399963 * k)]) * np.sqrt(k / 200)[:, None]
-    p = field.support.centre + field.support.scale * disc
-    lit = (at_points(field.support.clearance, disc) > 0).all(axis=0)
-    p = p[lit] if lit.any() else field.support.centre[None]
-    middle = p.mean(axis=0)
-    del nominal
-    return p, p[[int(np.argmin(((p - middle) ** 2).sum(axis=1)))]]
+@dataclass(frozen=True)
+class At:
+    """Rays of one beam that pass (shared detector point, middle wavenumber): pupil points p (N, 2) m, y (N,): direction
+    cosine along y at the detector, and polynomials of y and of the path length over the pupil."""
 
+    p: Array
+    y: Array
+    centre: Array
+    half: float
+    y_coefficient: Array
+    opl_coefficient: Array
 
-def _path_length(field: PupilField, p: Array) -> float:
-    middle = field.sigma.size // 2
-    return float(at_points(field.opl[middle], (p - field.support.centre) / field.support.scale)[0])
+    @classmethod
+    def of(cls, rays: Rays) -> At:
+        """Fit both over all rays; keep those that pass."""
+        middle = rays.opl.shape[0] // 2
+        p = rays.pupil[middle]
+        centre, half = p.mean(axis=0), float(np.ptp(p, axis=0).max())
+        solution = np.linalg.lstsq(
+            monomials((p - centre) / half), np.column_stack([rays.direction[middle, :, 1], rays.opl[middle]]), rcond=None
+        )[0]
+        lit = (rays.clearance[:, middle] > 0).all(axis=0)
+        return cls(p[lit], rays.direction[middle, lit, 1], centre, half, solution[:, 0], solution[:, 1])
 
+    def y_at(self, p: Array) -> Array:
+        """Direction cosine along y of the rays through pupil points p (N, 2)."""
+        values: Array = monomials((p - self.centre) / self.half) @ self.y_coefficient
+        return values
 
-def _y_direction(field: PupilField, p: Array) -> Array:
-    values: Array = at_points(field.direction[1], (p - field.support.centre) / field.support.scale)
-    return values
+    def opl_at(self, p: Array) -> Array:
+        """Path length (m) of the rays through pupil points p (N, 2)."""
+        values: Array = monomials((p - self.centre) / self.half) @ self.opl_coefficient
+        return values

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.budget.fieldpoint import pupil_samples
+from cgi_wave.budget.fieldpoint import FIT_TARGET, pupil_samples
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.beams import Spot, rays_from_direction, spot
@@ -62,7 +62,7 @@ def direction_field(system: OpticalSystem, path: Path, theta: Array, x0: Array) 
     lit = (rays.clearance[:, 0] > 0).all(axis=0)
     if lit.sum() >= 60:
         check_map(rays.pupil[0][lit], rays.u[0][lit], system.sigma0, path.label)
-    return fit_field(pupil_samples(rays, path, "direction", sigma, x0))
+    return fit_field(pupil_samples(rays, path, "direction", sigma, x0), target=FIT_TARGET)
 
 
 def point_source(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0: Array) -> PointSource:

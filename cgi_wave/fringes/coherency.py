@@ -52,6 +52,7 @@ class Coherency:
     family : (B,) int, equal for beams with the same parasitic history (the nominals are family 0)
     order : (B,) int, number of parasitic reflections
     transmission : (B,) power of each beam relative to the input (vignetting included)
+    transmission_error : (B,) absolute error of each; empty where it is nil
     """
 
     labels: tuple[str, ...]
@@ -60,3 +61,4 @@ class Coherency:
     transmission: NDArray[np.float64]
     pairs: tuple[Pair, ...]
     left_out: tuple[LeftOut, ...] = field(default=())
+    transmission_error: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))

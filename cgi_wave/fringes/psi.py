@@ -38,7 +38,8 @@ class Interferogram:
     """One book-keeping of a PSI. Irradiance is relative (∫w = 1), see the module.
 
     irradiance : (R,) per row
-    error : absolute bound that holds on every row, the sum of the next three
+    error : absolute bound that holds on every row, the sum of the next four
+    power_error : from the errors of the beams' powers, added without cancellation
     contrast_error : from the error bounds of the pairs' γ, added without cancellation
     sampling_error : |sum on the given σ grid − sum on every second sample|, added over pairs
     numerical_error : reduction of the spectral sum, interpolation along y, lost spectral tails, rounding
@@ -49,6 +50,7 @@ class Interferogram:
     bookkeeping: Bookkeeping
     irradiance: Array
     error: float
+    power_error: float
     contrast_error: float
     sampling_error: float
     numerical_error: float
@@ -149,13 +151,15 @@ def _interferogram(
     beams = len(coherency.labels)
     used = np.array([belongs(pair.m, pair.l, bookkeeping) for pair in coherency.pairs])
     power = coherency.transmission[:2].sum() if bookkeeping == "nominal" else coherency.transmission.sum()
+    uncertain = float((coherency.transmission_error[:2] if bookkeeping == "nominal" else coherency.transmission_error).sum())
     contrast, sampling, numerical = (float(bounds[name][used].sum()) for name in ("contrast", "sampling", "numerical"))
     out = [left for left in coherency.left_out if belongs(left.m, left.l, bookkeeping)]
     wanted = {"nominal": 1, "paper": 1 + 2 * (beams - 2), "coherent": beams * (beams - 1) // 2}[bookkeeping]
     return Interferogram(
         bookkeeping=bookkeeping,
         irradiance=power + part[:, used].sum(axis=1),
-        error=contrast + sampling + numerical,
+        error=uncertain + contrast + sampling + numerical,
+        power_error=uncertain,
         contrast_error=contrast,
         sampling_error=sampling,
         numerical_error=numerical,

@@ -85,6 +85,8 @@ def _root_between(f, m, x0, x1, f0):
 def _roots(c, top, out):
     """All sign changes of the polynomial c on (0, top), ascending: between the roots of its derivatives, in turn."""
     n = c.shape[0] - 1
+    while n > 1 and c[n] == 0.0:  # clearances are trimmed: most are of low degree, and each degree costs a pass
+        n -= 1
     f = np.empty(n + 1)
     previous = np.empty(n + 2)
     count = 0

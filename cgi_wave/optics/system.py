@@ -6,7 +6,7 @@ import copy
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -50,9 +50,9 @@ class Surface:
         return self.curvature * r2 / (1.0 + root)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OpticalSystem:
-    """What the tracer needs to know of one band of one instrument."""
+    """What the tracer needs to know of one band of one instrument. Compared by identity, so that it can be a key."""
 
     instrument: str
     band: str
@@ -88,6 +88,7 @@ class OpticalSystem:
         """Radius of the entrance pupil, m."""
         return self.document.entrance.radius_mm * MM
 
+    @lru_cache(maxsize=64)  # noqa: B019  (a handful of systems live as long as the process)
     def index(self, sigma: float) -> NDArray[np.float64]:
         """Refractive index of each space at wavenumber sigma (1/m)."""
         return glass.indices(list(self.glasses), sigma, self.file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,24 @@ Array = NDArray[np.float64]
 NODES = 280
 #: Share of rays that must pass before a beam is sampled; below it the sampled disc is drawn in around those that do.
 FILLED = 0.35
-#: An aperture is carried along if its clearance falls below this where all others are above minus this. Between two
-#: samples a clearance changes by less, so that no aperture that cuts the beam is lost.
-LIMITING = 0.12
+#: Points at which clearances are compared, and the most by which one changes between two of them: an aperture is
+#: carried along if its clearance falls below this where all others are above minus this.
+COMPARED = 1500
+LIMITING = 0.05
 #: Apertures whose clearances agree to this everywhere are one (the stop and its image, a plate's two passes).
-SAME = 1e-9
+SAME = 1e-6
+
+
+#: The even part of a sampled disc ends at this share of its radius; the rest lines its edge, for the fits.
+EVEN = 0.985
+
+
+def _ring(count: int) -> int:
+    """How many of ``count`` points line the edge of the disc."""
+    return int(3.0 * np.sqrt(count))
+
+
+RING = _ring(NODES)
 
 
 @dataclass(frozen=True)
@@ -32,6 +46,7 @@ class Rays:
     u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
     amplitude (S, N): √(power · Jacobian); clearance (K, S, N); direction (S, N, 2); pupil (S, N, 2) m;
     x (S, N, 2) m on the detector; phase rad; lost: what stopped rays, by kind and surface.
+    even (N,): rays that are spread evenly over the pupil, each for a cell of ``cell`` m² (the others line the rim).
     """
 
     u: Array
@@ -43,6 +58,19 @@ class Rays:
     x: Array
     phase: float
     lost: dict[str, int]
+    even: NDArray[np.bool_]
+    cell: float
+
+    def power(self) -> tuple[float, float]:
+        """Sum of amplitude² over the even rays that pass (shared detector point, middle wavenumber), and its error.
+
+        Even rays miss or add at the rim of the support what a few of them carry: three standard errors.
+        """
+        middle = self.amplitude.shape[0] // 2
+        lit = self.even & (self.clearance[:, middle] > 0).all(axis=0)
+        total = float((self.amplitude[middle, lit] ** 2).sum() * self.cell)
+        count = max(int(lit.sum()), 1)
+        return total, 3.0 * 0.3 * float(np.sqrt(2.0 * np.sqrt(np.pi * count))) / count * total
 
 
 @dataclass(frozen=True)
@@ -61,11 +89,11 @@ class Spot:
 
 def disc(count: int, margin: float = 1.0) -> Array:
     """Points (count, 2) spread evenly over the unit disc (sunflower), with a ring on its edge; scaled by ``margin``."""
-    ring = int(3.0 * np.sqrt(count))
+    ring = _ring(count)
     k = np.arange(count - ring) + 0.5
     radius, angle = np.sqrt(k / (count - ring)), np.pi * (1 + 5**0.5) * k
     edge = 2 * np.pi * np.arange(ring) / ring
-    inner = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) * 0.985
+    inner = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) * EVEN
     return margin * np.concatenate([inner, np.column_stack([np.cos(edge), np.sin(edge)])])
 
 
@@ -79,7 +107,7 @@ def nominal_direction(system: OpticalSystem, path: Path, x0: Array) -> Array:
 
 def spot(system: OpticalSystem, path: Path, theta: Array, sigma: float, count: int = 2000) -> Spot:
     """Geometric spot of ``path`` for source direction ``theta`` (2,). Raises EmptyBeamError if no ray arrives."""
-    points = disc(count)[: count - int(3.0 * np.sqrt(count))] / 0.985 * system.pupil_radius
+    points = disc(count)[: count - _ring(count)] / EVEN * system.pupil_radius
     traced = trace(compile_sequence(system, path, sigma), points, theta)
     ok = traced.passes
     if not ok.any():
@@ -97,7 +125,7 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     start (2,): first guess of the source direction. Raises EmptyBeamError if no ray arrives.
     """
     middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
-    guess, pivot = _linear_guess(middle, x0, start)
+    guess = _linear_guess(middle, x0, start)
     radius = system.pupil_radius
     centre, half = np.zeros(2), radius * 1.03
     for _ in range(4):
@@ -110,7 +138,6 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         if inside.mean() >= FILLED:
             break
         centre, half = _bounding_disc(p[inside], half)
-    del pivot
     per_sigma = []
     for sigma in sigmas:
         sequence = compile_sequence(system, path, float(sigma))
@@ -129,7 +156,9 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         parts.append((p, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
     crossed = caustics(per_sigma[len(sigmas) // 2][0], p[nearest], per_sigma[len(sigmas) // 2][1][keep][nearest], "theta")
-    return _stack(parts, radius, middle.phase - 0.5 * np.pi * crossed, trouble(middle, traced))
+    even = (np.arange(NODES) < NODES - RING)[keep]
+    phase = middle.phase - 0.5 * np.pi * crossed
+    return _stack(parts, radius, phase, trouble(middle, traced), even, half)
 
 
 def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array) -> Rays:
@@ -149,6 +178,7 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
         if inside.mean() >= FILLED:
             break
         centre, half = _bounding_disc(p[inside], half)
+    even = (np.arange(NODES) < NODES - RING)[traced.valid]
     p = p[traced.valid]
     parts = []
     for sigma in sigmas:
@@ -164,7 +194,8 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
     # From position to direction by stationary phase: exp(iπ/4 · signature of ∂q/∂x).
     curvature = dq[0] @ np.linalg.inv(dx[0])
     signature = np.sign(np.linalg.eigvals(curvature).real).sum()
-    return _stack(parts, radius, middle.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature, trouble(middle, traced))
+    phase = middle.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
+    return _stack(parts, radius, phase, trouble(middle, traced), even, half)
 
 
 def _linear_guess(sequence: Sequence, x0: Array, start: Array):  # type: ignore[no-untyped-def]
@@ -176,9 +207,9 @@ def _linear_guess(sequence: Sequence, x0: Array, start: Array):  # type: ignore[
     by_theta = jacobian(sequence, pivot, theta, THETA_STEP)[0][0]
     by_p = jacobian(sequence, pivot, theta, 1e-4, of="p")[0][0]
     if not (np.isfinite(by_theta).all() and np.isfinite(by_p).all()) or abs(np.linalg.det(by_theta)) < 1e-14:
-        return (lambda p: np.broadcast_to(start, p.shape)), pivot
+        return lambda p: np.broadcast_to(start, p.shape)
     matrix = -np.linalg.solve(by_theta, by_p)
-    return (lambda p: np.clip(theta[0] + p @ matrix.T, -0.4, 0.4)), pivot
+    return lambda p: np.clip(theta[0] + p @ matrix.T, -0.4, 0.4)
 
 
 def _bounding_disc(points: Array, half: float) -> tuple[Array, float]:
@@ -200,21 +231,55 @@ def _clearances(sequence: Sequence, traced: Traced) -> Array:
     return np.array(rows)
 
 
-def _stack(parts: list, radius: float, phase: float, lost: dict[str, int]) -> Rays:  # type: ignore[type-arg]
+def _stack(  # type: ignore[no-untyped-def]
+    parts: list, radius: float, phase: float, lost: dict[str, int], even: NDArray[np.bool_], half: float
+) -> Rays:
     u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
+    cell = float(np.pi * (EVEN * half) ** 2 / (NODES - RING))
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
-    return Rays(u, opl, amplitude, limiting(clearance), direction, p, x, phase, lost)
+    return Rays(u, opl, amplitude, limiting(clearance, p[0]), direction, p, x, phase, lost, even, cell)
 
 
-def limiting(clearance: Array) -> Array:
-    """The clearances (K', S, N) of (K, S, N) that bound the beam; at least one."""
-    flat = clearance.reshape(len(clearance), -1)
-    lowest, second = np.partition(flat, 1, axis=0)[:2] if len(flat) > 1 else (flat[0], np.full_like(flat[0], np.inf))
+def limiting(clearance: Array, p: Array) -> Array:
+    """The clearances (K', S, N) of (K, S, N) that bound the beam; at least one. p (N, 2): pupil points.
+
+    Most apertures on a long path are passed with room to spare, or lie in the shadow of another (a mirror next to an
+    image of the stop). Polynomials through the samples say which, on points much denser than the rays.
+    """
+    centre = 0.5 * (p.min(axis=0) + p.max(axis=0))
+    x = (p - centre) / np.sqrt(((p - centre) ** 2).sum(axis=1)).max()
+    # The usual disc has its operator kept; a beam that lost rays needs one of its own.
+    to_dense = _usual_operator() if len(x) == NODES else _operator(x)
+    dense = clearance[:, clearance.shape[1] // 2] @ to_dense.T
+    order = np.argsort(dense.min(axis=1))
     kept: list[int] = []
-    for k, row in enumerate(flat):
-        others = np.where(row == lowest, second, lowest)
-        cuts = bool(((row < LIMITING) & (others > -LIMITING)).any())
-        if cuts and all(np.abs(row - flat[j]).max() > SAME for j in kept):
-            kept.append(k)
-    return clearance[kept or [int(flat.min(axis=1).argmin())]]
+    for k in order:
+        others = dense[kept].min(axis=0) if kept else np.full(dense.shape[1], np.inf)
+        cuts = bool(((dense[k] < LIMITING) & (others > -LIMITING)).any())
+        if cuts and all(np.abs(dense[k] - dense[j]).max() > SAME for j in kept):
+            kept.append(int(k))
+    for k in list(kept):
+        rest = [j for j in kept if j != k]
+        if rest and not ((dense[k] < LIMITING) & (dense[rest].min(axis=0) > -LIMITING)).any():
+            kept = rest
+    return clearance[kept or [int(order[0])]]
+
+
+@lru_cache(maxsize=1)
+def _usual_operator() -> Array:
+    return _operator(disc(NODES))
+
+
+def _operator(x: Array) -> Array:
+    """(COMPARED, N): values of the polynomial (degree 8) through samples at ``x`` on dense points of the unit disc."""
+    q, r = np.linalg.qr(monomials(x))
+    operator: Array = np.linalg.solve(r.T, monomials(disc(COMPARED)).T).T @ q.T
+    return operator
+
+
+def monomials(x: Array, degree: int = 8) -> Array:
+    """(N, T) products x^i y^j, i + j ≤ degree, of points (N, 2) in the unit disc."""
+    i, j = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
+    values: Array = x[:, :1] ** i * x[:, 1:] ** j
+    return values

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.errors import EmptyBeamError, InputError
+from cgi_wave.errors import InputError
 from cgi_wave.kernels.trace import BACKWARD, MISS, REFLECT, REFRACT, TIR, trace_sequence
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
@@ -71,6 +72,7 @@ class Traced:
         return (self.status == 0) | (self.status % 4 == BACKWARD)
 
 
+@lru_cache(maxsize=4096)
 def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequence:
     """Arrays for one path at wavenumber ``sigma`` (1/m). Raises InputError where media do not join."""
     index = system.index(sigma)
@@ -207,29 +209,19 @@ def aim(sequence: Sequence, p: Array, target: Array, start: Array, iterations: i
     return np.where(final[:, None], theta, 0.0), final
 
 
-def history(sequence: Sequence, p: Array, theta: Array) -> tuple[Array, Array, Array]:
-    """History of a few rays in the pupil's frame: (K+1, N, 3) points and (K+1, N, 3) directions, and (K,) indices n1.
-
-    Point k is where segment k starts; segment k runs in index n1[k]. For drawings and for counting caustics.
-    """
-    points = [np.column_stack([p, np.zeros(len(p))])]
-    theta = np.broadcast_to(theta, p.shape)
-    directions = [np.column_stack([theta, np.sqrt(1 - (theta**2).sum(axis=1))])]
+def history(sequence: Sequence, p: Array, theta: Array) -> Array:
+    """Points (K + 1, N, 3) in the pupil's frame, m, where rays start and where they meet every surface."""
+    foot = trace(sequence, p, theta, footprints=True).foot
+    points = np.empty((len(sequence.curvature) + 1, len(p), 3))
+    points[0] = np.column_stack([p, np.zeros(len(p))])
     axes, origin = np.eye(3), np.zeros(3)
-    for k in range(len(sequence.curvature)):
+    for k, (x, y) in enumerate(foot):
         origin = origin + axes.T @ sequence.shift[k]
         axes = sequence.rot[k] @ axes
-        t = trace(sequence.upto(k + 1), p, theta)
-        c, kappa = sequence.curvature[k], sequence.conic[k]
-        r2 = (t.x**2).sum(axis=1)
-        z = c * r2 / (1 + np.sqrt(np.maximum(1 - (1 + kappa) * c * c * r2, 0)))
-        points.append(np.column_stack([t.x, z]) @ axes + origin)
-        # The direction after the surface: its z sign follows from the mode and the side it was hit from.
-        before = directions[-1] @ axes.T
-        sign = np.sign(before[:, 2]) * (-1.0 if sequence.mode[k] == REFLECT else 1.0)
-        local = np.column_stack([t.direction, sign * np.sqrt(np.maximum(1 - (t.direction**2).sum(axis=1), 0))])
-        directions.append(local @ axes)
-    return np.array(points), np.array(directions), sequence.n1
+        c, r2 = sequence.curvature[k], x * x + y * y
+        z = c * r2 / (1 + np.sqrt(np.maximum(1 - (1 + sequence.conic[k]) * c * c * r2, 0)))
+        points[k + 1] = np.column_stack([x, y, z]) @ axes + origin
+    return points
 
 
 def caustics(sequence: Sequence, p: Array, theta: Array, vary: str) -> int:
@@ -238,36 +230,33 @@ def caustics(sequence: Sequence, p: Array, theta: Array, vary: str) -> int:
     vary : "theta" for light from one pupil point (conjugate points of G(p, x)), "p" for light from one direction
     (foci of a plane wave). A wavefront's two focal points on each segment follow from three neighbouring rays.
     """
-    h = 1e-6 if vary == "theta" else 1e-6 * 16e-3 / 1e-3
-    steps = np.array([[0, 0], [h, 0], [0, h]])
-    ps = p + (steps if vary == "p" else 0 * steps)
-    ts = theta + (steps if vary == "theta" else 0 * steps)
-    points, directions, _ = history(sequence, ps, ts)
-    crossed = 0
+    step = 1e-6 if vary == "theta" else 1e-6 * 16.0
+    steps = np.array([[0, 0], [step, 0], [0, step]])
+    fixed = np.zeros_like(steps)
+    points = history(sequence, p + (steps if vary == "p" else fixed), theta + (steps if vary == "theta" else fixed))
     # Planes make no caustic; before the first curved surface the only zero is the (imaged) pupil that was launched from.
     powered = np.flatnonzero(sequence.curvature)
-    for k in range(powered[0] + 1 if len(powered) else len(points), len(points) - 1):
-        chief = directions[k, 0]
-        length = float((points[k + 1, 0] - points[k, 0]) @ chief)
-        if abs(length) < 1e-12:
-            continue
-        e1 = np.cross(chief, [1.0, 0, 0] if abs(chief[0]) < 0.9 else [0, 1.0, 0])
-        e1 /= np.linalg.norm(e1)
-        basis = np.stack([e1, np.cross(chief, e1)])
-        gap = points[k, 1:] - points[k, 0]
-        slope = directions[k, 1:] / (directions[k, 1:] @ chief)[:, None]
-        base = (gap - (gap @ chief)[:, None] * slope) @ basis.T
-        rate = slope @ basis.T
-        # det(base + s·rate) = a s² + b s + c: the wavefront's focal points are its two (real) roots.
-        a, c = np.linalg.det(rate), np.linalg.det(base)
-        b = base[0, 0] * rate[1, 1] + rate[0, 0] * base[1, 1] - base[0, 1] * rate[1, 0] - rate[0, 1] * base[1, 0]
-        roots = np.roots([a, b, c]).real if abs(a) > 0 else (np.array([-c / b]) if abs(b) > 0 else np.empty(0))
-        low, high = (1e-9, length) if length > 0 else (length, -1e-9)
-        crossed += int(np.sign(length)) * int(np.count_nonzero((roots > low) & (roots < high)))
-    return crossed
-
-
-def require_rays(mask: NDArray[np.bool_], least: int, what: str) -> None:
-    """Raise EmptyBeamError unless at least ``least`` rays of a beam are left."""
-    if int(mask.sum()) < least:
-        raise EmptyBeamError(f"{what}: {int(mask.sum())} of {len(mask)} rays are left, {least} are needed")
+    first = powered[0] + 1 if len(powered) else len(points) - 1
+    along = np.diff(points, axis=0)[first:]
+    start = points[first:-1]
+    length = np.linalg.norm(along, axis=2, keepdims=True)
+    direction = along / length
+    chief = direction[:, 0]
+    helper = np.where(np.abs(chief[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    e1 = np.cross(chief, helper)
+    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
+    basis = np.stack([e1, np.cross(chief, e1)], axis=2)
+    # Neighbours relative to the chief ray, in planes across it: base + s·rate, s along the chief ray.
+    slope = direction[:, 1:] / np.einsum("kni,ki->kn", direction[:, 1:], chief)[:, :, None]
+    gap = start[:, 1:] - start[:, :1]
+    base = (gap - np.einsum("kni,ki->kn", gap, chief)[:, :, None] * slope) @ basis
+    rate = slope @ basis
+    # det(base + s·rate) = a s² + b s + c. A wavefront's curvature is symmetric: its roots are real but for rounding.
+    a, c = np.linalg.det(rate), np.linalg.det(base)
+    b = base[:, 0, 0] * rate[:, 1, 1] + rate[:, 0, 0] * base[:, 1, 1]
+    b = b - base[:, 0, 1] * rate[:, 1, 0] - rate[:, 0, 1] * base[:, 1, 0]
+    root = np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0))
+    # 1/s is finite where the wavefront is plane: count roots of c u² + b u + a beyond 1/length.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.stack([(-b + root) / (2.0 * c), (-b - root) / (2.0 * c)])
+    return int(np.count_nonzero(inverse > 1.0 / length[:, 0, 0]))

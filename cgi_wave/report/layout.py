@@ -87,6 +87,6 @@ def _fan(system: OpticalSystem, x0: Array) -> list[Array]:
         sequence = compile_sequence(system, path, system.sigma0)
         passes = trace(sequence, line, theta).passes
         if passes.any():
-            points, _, _ = history(sequence, line[passes], theta)
+            points = history(sequence, line[passes], theta)
             rays += [points[:, ray] @ axes + origin for ray in range(points.shape[1])]
     return rays

@@ -237,6 +237,8 @@ def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, n
     worst = np.inf
     for level in range(_LEVELS):
         q = build(region, steering, 0.0, level)
+        if before is None and q.nodes * REFINEMENT**2 > NODE_CAP:  # the level that it takes to know the error
+            raise _refuse(q.nodes * REFINEMENT**2, spread(region, steering))
         sums, weighted, edge = pupil.integrate(
             q.rays, q.owner, q.panels, steering, 0.0, phase, a, b, weight, middle, region.clearance, region.residual
         )

@@ -140,7 +140,7 @@ def obstruction_margins(system: OpticalSystem, sequence: Sequence, pupil: Array,
 
     Negative: something stands in the way. Keys read "surface beside from>to".
     """
-    points, _, _ = history(sequence, pupil, theta)
+    points = history(sequence, pupil, theta)
     axes, centre = system.pupil_frame()
     points = points @ axes + centre
     space = system.spaces.index(system.document.entrance.space)
