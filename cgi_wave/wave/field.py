@@ -13,7 +13,7 @@ from cgi_wave.wave.fitting import OVERSAMPLING, Basis, Fit
 from cgi_wave.wave.region import SAFETY, Region, Support, find_region, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
 
-DEGREES = (4, 6, 8, 10, 12)
+DEGREES = (4, 6, 8, 10, 12, 14, 16)
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 FEWEST = 12  # supported samples without which no field is fitted
 _POWER_TOL = 1e-9
@@ -135,6 +135,21 @@ def _cutting(clearance: Array, fit: Fit, x: Array, lit: NDArray[np.bool_], spaci
     return cut
 
 
+def _trimmed(coef: Array, residual: Array, target: float) -> tuple[Array, Array]:
+    """Clearances (K, n, n) of the lowest total degree that ``target`` or their residual (K,) allows.
+
+    What is dropped is added to the residual.
+
+    Footprints on apertures are nearly affine in the pupil: most of a high-degree fit is rounding, and every degree
+    costs the boundary search a pass.
+    """
+    total = np.add.outer(np.arange(coef.shape[-1]), np.arange(coef.shape[-1]))
+    tails = np.array([np.abs(coef * (total > d)).sum(axis=(1, 2)) for d in range(coef.shape[-1])])  # (n, K)
+    allowed = np.maximum(target, residual)
+    degree = (tails > allowed).sum(axis=0)
+    return coef * (total <= degree[:, None, None]), residual + tails[degree, np.arange(len(coef))]
+
+
 def _bounded(support: Support, label: str) -> None:
     """Refuse a support that reaches the edge of the sampled domain: its boundary is not known."""
     angle = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
@@ -205,9 +220,14 @@ def _worst(fits: list[Fit], inside: NDArray[np.bool_], lit: NDArray[np.bool_]) -
 
 
 def _choose(
-    samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], degree: int | None
+    samples: PupilSamples,
+    x: Array,
+    inside: NDArray[np.bool_],
+    lit: NDArray[np.bool_],
+    degree: int | None,
+    target: float,
 ) -> _Trial:
-    """The first degree whose misfit is below TARGET, or the one with the least; only ``degree`` when given."""
+    """The first degree whose misfit is below ``target``, or the one with the least; only ``degree`` when given."""
     fewest = int(inside.sum(axis=1).min())
     tried = DEGREES if degree is None else (degree,)
     allowed = [d for d in tried if (d + 1) * (d + 2) // 2 * OVERSAMPLING <= fewest]
@@ -222,18 +242,19 @@ def _choose(
     bases = [Basis.at(x[s][inside[s]], allowed[-1] + 1) for s in range(samples.sigma.size)]
     best = _try_degree(samples, x, inside, lit, bases, allowed[0] + 1)
     for d in allowed[1:]:
-        if best.score < TARGET:
+        if best.score < target:
             break
         trial = _try_degree(samples, x, inside, lit, bases, d + 1)
         best = trial if trial.score < best.score else best
     return best
 
 
-def fit_field(samples: PupilSamples, degree: int | None = None) -> PupilField:
+def fit_field(samples: PupilSamples, degree: int | None = None, target: float = TARGET) -> PupilField:
     """Fit one beam's samples: path length (per sigma), amplitude, clearances, directions.
 
     The fit covers the ellipse that bounds the lit samples (all clearances > 0) with a margin; unlit samples inside it
-    and next to a lit one take part. ``degree`` None takes the first of DEGREES whose leave-one-out misfit is below TARGET, or the best.
+    and next to a lit one take part. ``degree`` None takes the first of DEGREES whose leave-one-out misfit (rad of
+    phase, relative amplitude and clearance together) is below ``target``, or the best.
     Clearances that cannot reach zero on the support are dropped.
 
     Raises InputError (a value that is not finite, a wrong shape), EmptyBeamError (no lit sample), MethodLimitError
@@ -251,11 +272,11 @@ def fit_field(samples: PupilSamples, degree: int | None = None) -> PupilField:
     centre, scale, spacing = _domain(samples, lit)
     x = (samples.u - centre) / scale
     inside = _near(x, lit, spacing)
-    trial = _choose(samples, x, inside, lit, degree)
+    trial = _choose(samples, x, inside, lit, degree, target)
     middle, clearances = samples.sigma.size // 2, samples.clearance.shape[0]
     shape = Fit(trial.shape.coef[:clearances], trial.shape.misfit[:clearances])
     cut = _cutting(samples.clearance, shape, x[middle][lit[middle]], lit, spacing)
-    support = Support(centre, scale, shape.coef[cut], trial.clearance_misfit[cut])
+    support = Support(centre, scale, *_trimmed(shape.coef[cut], trial.clearance_misfit[cut], target))
     _bounded(support, samples.label)
     opl = np.array([f.coef[0] for f in trial.opl])
     opl[:, 0, 0] += samples.opl.mean(axis=1)
