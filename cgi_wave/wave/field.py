@@ -15,6 +15,7 @@ from cgi_wave.wave.samples import PupilSamples, Space
 
 DEGREES = (4, 6, 8, 10, 12, 14, 16)
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
+NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
 _POWER_TOL = 1e-9
 _METHOD = "polynomial pupil field"
@@ -135,19 +136,21 @@ def _cutting(clearance: Array, fit: Fit, x: Array, lit: NDArray[np.bool_], spaci
     return cut
 
 
-def _trimmed(coef: Array, residual: Array, target: float) -> tuple[Array, Array]:
-    """Clearances (K, n, n) of the lowest total degree that ``target`` or their residual (K,) allows.
+def _simplest(trials: list[_Trial], best: _Trial, target: float) -> tuple[Array, Array]:
+    """Clearances (K, n, n) and residuals (K,), each of the lowest degree that reaches ``target`` or nearly the best.
 
-    What is dropped is added to the residual.
-
-    Footprints on apertures are nearly affine in the pupil: most of a high-degree fit is rounding, and every degree
-    costs the boundary search a pass.
+    Footprints on apertures are nearly affine in the pupil, and every degree costs the boundary search a pass.
     """
-    total = np.add.outer(np.arange(coef.shape[-1]), np.arange(coef.shape[-1]))
-    tails = np.array([np.abs(coef * (total > d)).sum(axis=(1, 2)) for d in range(coef.shape[-1])])  # (n, K)
-    allowed = np.maximum(target, residual)
-    degree = (tails > allowed).sum(axis=0)
-    return coef * (total <= degree[:, None, None]), residual + tails[degree, np.arange(len(coef))]
+    count = best.clearance_misfit.size
+    coef, residual = best.shape.coef[:count].copy(), best.clearance_misfit.copy()
+    for k in range(count):
+        for trial in trials:
+            if trial.n < best.n and trial.clearance_misfit[k] <= max(target, NEARLY * best.clearance_misfit[k]):
+                coef[k] = 0.0
+                coef[k, : trial.n, : trial.n] = trial.shape.coef[k]
+                residual[k] = trial.clearance_misfit[k]
+                break
+    return coef, residual
 
 
 def _bounded(support: Support, label: str) -> None:
@@ -226,8 +229,11 @@ def _choose(
     lit: NDArray[np.bool_],
     degree: int | None,
     target: float,
-) -> _Trial:
-    """The first degree whose misfit is below ``target``, or the one with the least; only ``degree`` when given."""
+) -> tuple[_Trial, tuple[Array, Array]]:
+    """The first degree whose misfit is below ``target``, or the one with the least; only ``degree`` when given.
+
+    With it, the clearances and their residuals from ``_simplest``.
+    """
     fewest = int(inside.sum(axis=1).min())
     tried = DEGREES if degree is None else (degree,)
     allowed = [d for d in tried if (d + 1) * (d + 2) // 2 * OVERSAMPLING <= fewest]
@@ -240,13 +246,14 @@ def _choose(
             "trace more rays",
         )
     bases = [Basis.at(x[s][inside[s]], allowed[-1] + 1) for s in range(samples.sigma.size)]
-    best = _try_degree(samples, x, inside, lit, bases, allowed[0] + 1)
+    trials = [_try_degree(samples, x, inside, lit, bases, allowed[0] + 1)]
+    best = trials[0]
     for d in allowed[1:]:
         if best.score < target:
             break
-        trial = _try_degree(samples, x, inside, lit, bases, d + 1)
-        best = trial if trial.score < best.score else best
-    return best
+        trials.append(_try_degree(samples, x, inside, lit, bases, d + 1))
+        best = trials[-1] if trials[-1].score < best.score else best
+    return best, _simplest(trials, best, target)
 
 
 def fit_field(samples: PupilSamples, degree: int | None = None, target: float = TARGET) -> PupilField:
@@ -272,11 +279,11 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     centre, scale, spacing = _domain(samples, lit)
     x = (samples.u - centre) / scale
     inside = _near(x, lit, spacing)
-    trial = _choose(samples, x, inside, lit, degree, target)
+    trial, (simple, residual) = _choose(samples, x, inside, lit, degree, target)
     middle, clearances = samples.sigma.size // 2, samples.clearance.shape[0]
     shape = Fit(trial.shape.coef[:clearances], trial.shape.misfit[:clearances])
     cut = _cutting(samples.clearance, shape, x[middle][lit[middle]], lit, spacing)
-    support = Support(centre, scale, *_trimmed(shape.coef[cut], trial.clearance_misfit[cut], target))
+    support = Support(centre, scale, simple[cut], residual[cut])
     _bounded(support, samples.label)
     opl = np.array([f.coef[0] for f in trial.opl])
     opl[:, 0, 0] += samples.opl.mean(axis=1)
