@@ -64,9 +64,13 @@ def _to_surface(x, y, z, l, m, n, opl, status, rot, shift, curvature, conic, ind
 
 @njit(**_JIT)
 def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):
-    """Refract or reflect a slice at the surface point it stands on (in place); leaves the two cosines."""
+    """Refract or reflect a slice at the surface point it stands on (in place).
+
+    Leaves the cosines of incidence and refraction: Fresnel's reflectance needs the second one, too.
+    """
     k1 = 1.0 + conic
-    ratio = 1.0 if reflect else n1 / n2
+    ratio = n1 / n2
+    keep = 1.0 if reflect else ratio
     for i in range(x.shape[0]):
         nx = -curvature * x[i]
         ny = -curvature * y[i]
@@ -80,12 +84,12 @@ def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, r
         cost = np.sqrt(max(disc, 0.0))
         cost = cost if cosi > 0.0 else -cost
         g = -2.0 * cosi if reflect else cost - ratio * cosi
-        l[i] = ratio * l[i] + g * nx
-        m[i] = ratio * m[i] + g * ny
-        n[i] = ratio * n[i] + g * nz
+        l[i] = keep * l[i] + g * nx
+        m[i] = keep * m[i] + g * ny
+        n[i] = keep * n[i] + g * nz
         cos_in[i] = abs(cosi)
         cos_out[i] = abs(cost)
-        trouble = code + TIR if disc < 0.0 else 0
+        trouble = code + TIR if disc < 0.0 and not reflect else 0
         status[i] = trouble if status[i] == 0 else status[i]
 
 
@@ -106,7 +110,10 @@ def _clear(x, y, clearance, ap):
 
 @njit(**_JIT)
 def _fresnel(power, cos_in, cos_out, n1, n2, reflect):
-    """Multiply a slice's power by the unpolarised Fresnel reflectance or transmittance of a bare face."""
+    """Multiply a slice's power by the unpolarised Fresnel reflectance or transmittance of a bare face.
+
+    At total internal reflection cos_out is 0, and the reflectance 1.
+    """
     for i in range(power.shape[0]):
         a, b = n1 * cos_in[i], n2 * cos_out[i]
         c, d = n1 * cos_out[i], n2 * cos_in[i]
