@@ -1,0 +1,200 @@
+"""The sequence tracer against a scalar one in world coordinates, and against closed forms of single surfaces."""
+
+import numpy as np
+import pytest
+
+from cgi_wave.kernels.trace import BACKWARD, MISS, REFLECT, REFRACT, SLICE, TIR, trace_sequence
+from cgi_wave.optics.system import rotation
+
+
+def place(z, tilt=(0.0, 0.0, 0.0), decentre=(0.0, 0.0), curvature=0.0, conic=0.0, n1=1.0, n2=1.0, mode=REFRACT, **rest):
+    """One surface in the world: vertex (decentre, z) in m, tilt in degrees."""
+    step = {"weight": 1.0, "bare": 0, "aperture": np.zeros(5), **rest}
+    return {"rotation": rotation(tilt).T, "origin": np.array([*decentre, z]), "curvature": curvature, "conic": conic,
+            "n1": n1, "n2": n2, "mode": mode, **step}  # fmt: skip
+
+
+def run(steps, rays, footprints=False):
+    """World rays (6, N) through the steps: rays in the last local frame, and a dict of what the kernel leaves."""
+    axes, origin, rot, shift = np.eye(3), np.zeros(3), [], []
+    for s in steps:
+        rot.append(s["rotation"] @ axes.T)
+        shift.append(axes @ (s["origin"] - origin))
+        axes, origin = s["rotation"], s["origin"]
+    rays = np.array(rays, dtype=float)
+    count = rays.shape[1]
+
+    def column(key):
+        return np.array([s[key] for s in steps])
+
+    out = {"opl": np.zeros(count), "power": np.ones(count), "status": np.zeros(count, dtype=np.int64),
+           "clearance": np.full(count, np.inf), "foot": np.empty((len(steps) if footprints else 0, 2, count))}  # fmt: skip
+    trace_sequence(np.array(rot), np.array(shift), column("curvature"), column("conic"), column("n1"), column("n2"),
+                   column("mode"), column("weight"), column("bare"), column("aperture"), rays, **out)  # fmt: skip
+    return rays, out
+
+
+def trace_slowly(steps, ray):
+    """One ray, in the world: Newton on the implicit surface, Snell by the tangential component."""
+    point, direction, opl = np.array(ray[:3]), np.array(ray[3:]), 0.0
+    for s in steps:
+        axes, vertex = s["rotation"], s["origin"]
+        stretch = np.array([1.0, 1.0, 1.0 + s["conic"]])
+        t = ((vertex - point) @ axes[2]) / (direction @ axes[2])
+        for _ in range(60):
+            v, d = axes @ (point + t * direction - vertex), axes @ direction
+            value = s["curvature"] * (stretch * v) @ v - 2.0 * v[2]
+            move = value / (2.0 * (s["curvature"] * (stretch * v) @ d - d[2]))
+            t -= move
+            if abs(move) < 1e-17:
+                break
+        point, opl = point + t * direction, opl + s["n1"] * t
+        v = axes @ (point - vertex)
+        normal = axes.T @ (s["curvature"] * stretch * v - np.array([0.0, 0.0, 1.0]))
+        normal /= np.linalg.norm(normal)
+        along = (direction @ normal) * normal
+        tangent = direction - along
+        if s["mode"] == REFLECT:
+            direction = tangent - along
+        else:
+            tangent = tangent * s["n1"] / s["n2"]
+            direction = tangent + along / np.linalg.norm(along) * np.sqrt(1.0 - tangent @ tangent)
+    return axes @ (point - vertex), axes @ direction, opl
+
+
+def random_steps(rng, count=6):
+    """Tilted, decentred conics 20 mm apart; after a mirror the next surfaces lie the other way."""
+    steps, z, way, index = [], 0.02, 1.0, 1.0
+    for _ in range(count):
+        mode = REFLECT if rng.random() < 0.3 else REFRACT
+        other = index if mode == REFLECT else rng.uniform(1.0, 1.8)
+        steps.append(place(z, rng.uniform(-4, 4, 3), rng.uniform(-1e-3, 1e-3, 2), rng.uniform(-30, 30),
+                           rng.uniform(-2, 1), index, other, mode))  # fmt: skip
+        way, index = (-way, index) if mode == REFLECT else (way, other)
+        z += way * 0.02
+    return steps
+
+
+def random_rays(rng, count, half_width=4e-3, slope=0.04):
+    rays = np.zeros((6, count))
+    rays[:2] = rng.uniform(-half_width, half_width, (2, count))
+    rays[3:5] = rng.uniform(-slope, slope, (2, count))
+    rays[5] = np.sqrt(1 - rays[3] ** 2 - rays[4] ** 2)
+    return rays
+
+
+def test_random_systems_agree_with_the_slow_tracer():
+    compared = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        steps, rays = random_steps(rng), random_rays(rng, 10)
+        end, out = run(steps, rays)
+        for i in np.flatnonzero(out["status"] == 0):
+            point, direction, opl = trace_slowly(steps, rays[:, i])
+            np.testing.assert_allclose(end[:3, i], point, rtol=0, atol=1e-14)
+            np.testing.assert_allclose(end[3:, i], direction, rtol=0, atol=1e-13)
+            assert out["opl"][i] == pytest.approx(opl, abs=1e-14)
+            compared += 1
+    assert compared > 250
+
+
+@pytest.mark.parametrize("count", [1, SLICE - 1, SLICE, SLICE + 1])
+def test_slices_do_not_show(count):
+    rng = np.random.default_rng(3)
+    steps, rays = random_steps(rng), random_rays(rng, count, 9e-3)
+    steps[1]["bare"], steps[2]["aperture"] = 1, np.array([1.0, 5e-3, 5e-3, 0.0, 0.0])
+    end, out = run(steps, rays, footprints=True)
+    for i in {0, 1, count // 2, SLICE - 1, SLICE, count - 1} & set(range(count)):
+        end_1, out_1 = run(steps, rays[:, i : i + 1], footprints=True)
+        np.testing.assert_array_equal(end[:, i], end_1[:, 0])
+        for key, value in out.items():
+            np.testing.assert_array_equal(value[..., i], out_1[key][..., 0], err_msg=key)
+
+
+def test_directions_stay_unit_vectors():
+    rng = np.random.default_rng(1)
+    end, out = run(random_steps(rng), random_rays(rng, 600))
+    ok = out["status"] == 0
+    assert ok.any()
+    np.testing.assert_allclose((end[3:, ok] ** 2).sum(axis=0), 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("conic", [-3.0, -1.0, -0.4, 0.0, 0.7])
+@pytest.mark.parametrize("radius", [-0.05, 0.08])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_parallel_ray_meets_the_conic_at_its_sag(conic, radius, way):
+    """z = c r²/(1 + √(1 − (1 + κ)c²r²)), the root next to the vertex, whichever way the light runs."""
+    h, c = np.array([0.0, 1e-3, 2e-2]), 1.0 / radius
+    rays = np.array([h, 0 * h, 0 * h - 0.1 * way, 0 * h, 0 * h, 0 * h + way])
+    end, out = run([place(0.0, curvature=c, conic=conic)], rays)
+    sag = c * h**2 / (1 + np.sqrt(1 - (1 + conic) * (c * h) ** 2))
+    np.testing.assert_allclose(end[2], sag, rtol=1e-14, atol=0)
+    np.testing.assert_allclose(out["opl"], 0.1 + way * sag, rtol=1e-14)
+    assert (out["status"] == 0).all()
+
+
+def test_nearly_plane_surface_loses_no_digits():
+    """A sphere of 1000 km: its sag of 5e-11 m comes out with full relative precision."""
+    end, _ = run([place(0.0, curvature=1e-6)], [[0.01], [0.0], [-1.0], [0.0], [0.0], [1.0]])
+    assert end[2, 0] == pytest.approx(0.5e-6 * 1e-4, rel=1e-14, abs=0)
+
+
+@pytest.mark.parametrize(("n1", "n2"), [(1.0, 1.5), (1.5, 1.0), (1.5, 1.8)])
+def test_snell_and_reflection_at_a_plane(n1, n2):
+    angle = np.radians(np.array([0.0, 10.0, 35.0]))
+    rays = np.array([0 * angle, 0 * angle, 0 * angle - 0.01, 0 * angle, np.sin(angle), np.cos(angle)])
+    end, _ = run([place(0.0, n1=n1, n2=n2)], rays)
+    np.testing.assert_allclose(n2 * end[4], n1 * np.sin(angle), atol=1e-15)
+    end, _ = run([place(0.0, n1=n1, n2=n1, mode=REFLECT)], rays)
+    np.testing.assert_allclose(end[4:], [np.sin(angle), -np.cos(angle)], atol=1e-15)
+
+
+def fresnel(n1, n2, angle, mode):
+    rays = [[0.0], [0.0], [-0.01], [0.0], [np.sin(angle)], [np.cos(angle)]]
+    return run([place(0.0, n1=n1, n2=n2, mode=mode, bare=1)], rays)[1]
+
+
+@pytest.mark.parametrize(("n1", "n2"), [(1.0, 1.5), (1.7, 1.0)])
+def test_bare_face(n1, n2):
+    """R = ((n1 − n2)/(n1 + n2))² at normal incidence; ½((n² − 1)/(n² + 1))² at Brewster's angle; R + T = 1."""
+    n = n2 / n1
+    assert fresnel(n1, n2, 0.0, REFLECT)["power"][0] == pytest.approx(((1 - n) / (1 + n)) ** 2, rel=1e-14)
+    brewster = 0.5 * ((n**2 - 1) / (n**2 + 1)) ** 2
+    assert fresnel(n1, n2, np.arctan(n), REFLECT)["power"][0] == pytest.approx(brewster, rel=1e-13)
+    for angle in np.radians([0.0, 12.0, 33.0]):
+        parts = [fresnel(n1, n2, angle, mode)["power"][0] for mode in (REFLECT, REFRACT)]
+        assert sum(parts) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_total_internal_reflection():
+    """Beyond the critical angle nothing is transmitted, and a reflection keeps all of the power."""
+    beyond = np.arcsin(1 / 1.5) + 0.01
+    out = fresnel(1.5, 1.0, beyond, REFRACT)
+    assert out["status"][0] == 4 + TIR and out["power"][0] == pytest.approx(0.0, abs=1e-15)
+    out = fresnel(1.5, 1.0, beyond, REFLECT)
+    assert out["status"][0] == 0 and out["power"][0] == pytest.approx(1.0, rel=1e-15)
+    assert fresnel(1.5, 1.0, beyond - 0.02, REFRACT)["status"][0] == 0
+
+
+def test_status_keeps_the_first_trouble():
+    ahead, sphere, behind = place(0.01), place(0.1, curvature=20.0), place(0.05)
+    rays = [[0.0, 0.049, 0.051], [0.0] * 3, [0.0] * 3, [0.0] * 3, [0.0] * 3, [1.0] * 3]
+    _, out = run([ahead, sphere, behind], rays)
+    # Beyond its 50 mm the sphere is missed; the last plane lies before it, so that the others reach it backwards.
+    assert list(out["status"]) == [12 + BACKWARD, 12 + BACKWARD, 8 + MISS]
+
+
+def test_apertures_lower_the_clearance():
+    x = np.array([0.0, 1e-3, 2e-3, 3e-3])
+    rays = np.array([x, 0 * x, 0 * x, 0 * x, 0 * x, 1 + 0 * x])
+    circle = place(0.01, aperture=np.array([1.0, 2e-3, 2e-3, 0.0, 0.0]))
+    oblong = place(0.02, aperture=np.array([2.0, 2e-3, 9e-3, 2e-3, 0.0]))
+    np.testing.assert_allclose(run([circle], rays)[1]["clearance"], 1 - (x / 2e-3) ** 2, atol=1e-14)
+    np.testing.assert_allclose(run([oblong], rays)[1]["clearance"], [0.0, 0.5, 1.0, 0.5], atol=1e-14)
+    np.testing.assert_allclose(run([circle, oblong], rays)[1]["clearance"], [0.0, 0.5, 0.0, -1.25], atol=1e-14)
+
+
+def test_coating_weights_multiply():
+    rays = [[0.0], [0.0], [0.0], [0.0], [0.0], [1.0]]
+    _, out = run([place(0.01, weight=0.98), place(0.02, weight=0.05), place(0.03, weight=0.5)], rays)
+    assert out["power"][0] == pytest.approx(0.98 * 0.05 * 0.5, rel=1e-15)
