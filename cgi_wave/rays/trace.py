@@ -133,7 +133,7 @@ def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False) 
     rays[5] = np.sqrt(1.0 - (theta**2).sum(axis=1))
     rays[:2] = p.T
     rays[:3] -= sequence.back_off * rays[3:]
-    opl, power, clearance = np.full(count, -sequence.back_off), np.ones(count), np.full(count, np.inf)
+    opl, power, clearance = np.full(count, -sequence.back_off * sequence.n1[0]), np.ones(count), np.full(count, np.inf)
     status = np.zeros(count, dtype=np.int64)
     foot = np.empty((len(sequence.curvature) if footprints else 0, 2, count))
     s = sequence
