@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,11 +17,10 @@ from cgi_wave.budget.ghosts import ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.pointsource import PointSource, point_source
 from cgi_wave.budget.table1 import table1
-from cgi_wave.errors import CgiWaveError
 from cgi_wave.fringes.coherency import Coherency
 from cgi_wave.fringes.nma import Retrieval, retrieve
 from cgi_wave.fringes.psi import Psi, synthesise
-from cgi_wave.optics.system import NM, Instrument, OpticalSystem, load_instrument
+from cgi_wave.optics.system import NM, Instrument, OpticalSystem, from_document, load_instrument
 from cgi_wave.rays.paths import Path, find_paths
 from cgi_wave.scene.coherence import coherence, coherence_envelope
 from cgi_wave.scene.filters import Filter
@@ -35,7 +34,7 @@ Progress = Callable[[str], None]
 POWER_FLOOR = 1e-5
 #: OPD up to which spectra are sampled and pairs computed, m. Beyond, the envelope is bounded instead.
 MAX_OPD = 0.1
-THREADS = 2
+PROCESSES = 2
 
 
 @dataclass(frozen=True)
@@ -102,14 +101,12 @@ def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spec
     return radiance, band_filter
 
 
-def select_ghosts(paths: Sequence[Path], nma: float, tolerance: float) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """Paths to trace and paths to leave to a bound.
+def select_ghosts(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """The nominal paths and the ghosts to be traced.
 
-    Kept: the nominal ones, and ghosts above POWER_FLOOR or whose amplitude could matter against the nominal beams even
-    if they overlapped perfectly: √(t/t1)/NMA > tolerance with the smallest power that the search follows left out.
+    Those above POWER_FLOOR, as in the paper. TODO
     """
-    keep = tuple(p for p in paths if p.order == 0 or p.estimate > POWER_FLOOR)
-    return keep, tuple(p for p in paths if p not in set(keep))
+    return tuple(path for path in paths if path.order == 0 or path.estimate > POWER_FLOOR)
 
 
 def analyse(
@@ -133,31 +130,78 @@ def analyse_band(
 ) -> BandResult:
     """One band at its five field points; see ``analyse``."""
     system = instrument.band(name)
-    progress(f"{name}: spectrum")
-    spectrum, band_filter = band_spectrum(system)
-    weight = spectrum.radiance * band_filter.transmission(spectrum.sigma)
-    envelope = coherence_envelope(spectrum, band_filter)
-    nma = float(abs(coherence(spectrum, band_filter, np.array([system.spec.target_opd_mm * 1e-3]))[0]))
     progress(f"{name}: searching ghost paths")
     found = find_paths(system)
-    paths, _ = select_ghosts(found, nma, tolerance)
-    progress(f"{name}: {len(found) - 2} ghost paths found, {len(paths) - 2} to be traced at five field points")
-    low, high = band_filter.support()
-
-    def one(index: int) -> FieldResult:
-        x0 = system.field_points()[index]
-        point = field_point(system, paths, x0, (low, high), envelope, nma, tolerance)
-        source = point_source(system, paths, point.theta, x0)
-        psi = synthesise(point.coherency, spectrum.sigma, weight, zone_rows(system, x0), system.pixel)
-        progress(f"{name}: field point {index + 1} of 5: {len(point.coherency.pairs)} pairs")
-        pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
-        return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)
-
-    # The threads share the field points; a BLAS that starts threads of its own for 300 × 90 matrices only waits.
-    with threadpool_limits(1), ThreadPoolExecutor(THREADS) as pool:
-        fields = tuple(pool.map(one, range(len(system.field_points()))))
+    paths = select_ghosts(found)
+    points = len(system.field_points())
+    progress(f"{name}: {len(found) - 2} ghost paths found, {len(paths) - 2} to be traced at {points} field points")
+    task = Task(instrument.raw, instrument.file, name, paths, tolerance)
+    fields: list[FieldResult] = []
+    # Processes, not threads: half of the work is Python between short compiled loops.
+    with ProcessPoolExecutor(PROCESSES) as pool:
+        for field in pool.map(analyse_field, [task] * points, range(points)):
+            fields.append(field)
+            progress(f"{name}: field point {field.index + 1} of {points}: {len(field.coherency.pairs)} pairs of beams")
     rows = ghost_rows(system, [(field.point, field.source) for field in fields])
-    return BandResult(name, fields, table1(name, [f.retrieval for f in fields]), rows, fields[0].point.plan.table(60))
+    return BandResult(
+        name, tuple(fields), table1(name, [f.retrieval for f in fields]), rows, fields[0].point.plan.table(60)
+    )
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a process needs to analyse a field point: the instrument's plain data, the band, its paths, the tolerance."""
+
+    raw: dict[str, Any]
+    file: str
+    band: str
+    paths: tuple[Path, ...]
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all field points of one band share."""
+
+    system: OpticalSystem
+    spectrum: Spectrum
+    weight: NDArray[np.float64]
+    support: tuple[float, float]
+    envelope: Callable[..., NDArray[np.float64]]
+    nma: float
+
+
+def band_setting(system: OpticalSystem) -> Setting:
+    """Spectrum, filter and coherence of a band. Raises InputError."""
+    spectrum, band_filter = band_spectrum(system)
+    target = np.array([system.spec.target_opd_mm * 1e-3])
+    return Setting(
+        system, spectrum, spectrum.radiance * band_filter.transmission(spectrum.sigma), band_filter.support(),
+        coherence_envelope(spectrum, band_filter), float(abs(coherence(spectrum, band_filter, target)[0])),
+    )  # fmt: skip
+
+
+_settings: dict[str, Setting] = {}
+
+
+def analyse_field(task: Task, index: int) -> FieldResult:
+    """One field point of one band: beams, coherence, point-source contrasts, interferogram, M, B and NMA."""
+    instrument = from_document(task.raw, task.file)
+    key = f"{instrument.hash} {task.band}"
+    if key not in _settings:
+        _settings.clear()
+        _settings[key] = band_setting(instrument.band(task.band))
+    here = _settings[key]
+    system = here.system
+    x0 = system.field_points()[index]
+    # A BLAS that starts threads of its own for 300 × 150 matrices only waits for them.
+    with threadpool_limits(1):
+        point = field_point(system, task.paths, x0, here.support, here.envelope, here.nma, task.tolerance)
+        # Contrasts of second-order ghosts vary little over the zone and carry 1e-5 of the power: the centre stands for it.
+        source = point_source(system, task.paths, point.theta, x0, orders=2 if index == 0 else 1)
+        psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, zone_rows(system, x0), system.pixel)
+        pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
+    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)
 
 
 def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -169,8 +213,3 @@ def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.floa
     _, _, y0, y1 = system.zone()
     count = round((y1 - y0) / system.pixel)
     return y0 + (np.arange(count) + 0.5) * system.pixel - float(x0[1])
-
-
-def layout(band: str, instrument: str | None = None) -> dict[str, Any]:
-    """Profiles of the surfaces and a fan of nominal rays, for ``report.plots.plot_layout``."""
-    raise CgiWaveError("the layout is drawn by report.layout")

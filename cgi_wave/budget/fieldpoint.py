@@ -12,7 +12,7 @@ from cgi_wave.budget.plan import PairPlan, plan_pairs
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.beams import Rays, disc, monomials, nominal_direction, rays_to_point, spot
+from cgi_wave.rays.beams import Rays, Sheet, disc, limiting, monomial_powers, monomials, nominal_direction, rays_to_point, spot
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.basis import chebyshev_wavenumbers
 from cgi_wave.wave.field import PupilField, fit_field, power
@@ -27,9 +27,12 @@ TRACED_WAVENUMBERS = 3
 PAIR_SHARE = 0.1
 #: Misfit of pupil fields (rad of phase, amplitude and clearance together) at which a degree is enough.
 FIT_TARGET = 1e-5
-#: Pupil points at which group OPDs are compared, and the degree of the polynomials that carry them there.
+#: Pupil points at which path differences are compared.
 COMMON_POINTS = 300
-GROUP_DEGREE = 6
+#: Pairs whose bound is below this share of the tolerance need no estimate of γ.
+FAR_BELOW = 0.03
+#: Safety of the stationary-phase estimate, per principal direction.
+SAFE = 2.5
 #: Room for the zone's own fringes and for the parabola in σ, m, when the OPD range of a pair is bounded.
 OPD_MARGIN = 2e-5
 
@@ -47,14 +50,14 @@ class Unresolved:
 class FieldPoint:
     """Beams and coherence at detector point x0 (m), seen from source direction theta (cosines).
 
-    rays: of ``paths``, in the order of ``coherency.labels``; empty: labels of paths that do not reach this point;
+    sheets: of ``paths``, in the order of ``coherency.labels``; empty: labels of paths that do not reach this point;
     unresolved: beams that a pair needed and whose field could not be made (the pair is then left out with its bound).
     """
 
     x0: Array
     theta: Array
     paths: tuple[Path, ...]
-    rays: tuple[Rays, ...]
+    sheets: tuple[Sheet, ...]
     coherency: Coherency
     plan: PairPlan
     empty: tuple[str, ...]
@@ -63,8 +66,9 @@ class FieldPoint:
 
 def pupil_samples(rays: Rays, path: Path, space: Space, sigma: Array, x0: Array) -> PupilSamples:
     """Rays of one path as the payload of the wave floor."""
-    return PupilSamples(path.label, space, rays.u, sigma, rays.opl, rays.amplitude, rays.clearance, rays.direction,
-                        rays.phase, (float(x0[0]), float(x0[1])))  # fmt: skip
+    clearance = limiting(rays.clearance, rays.pupil[0])
+    return PupilSamples(path.label, space, rays.u, sigma, rays.opl, rays.amplitude, clearance, rays.direction, rays.phase,
+                        (float(x0[0]), float(x0[1])))  # fmt: skip
 
 
 def families(paths: Sequence[Path]) -> NDArray[np.int64]:
@@ -110,9 +114,9 @@ def field_point(
     sums = np.array([rays.power() for rays in traced])
     # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
     share = spot(system, kept[0], theta, system.sigma0).power / sums[0, 0]
-    low, high = opd_ranges(traced, sigma)
-    ones = np.ones_like(low)
-    plan = plan_pairs(labels, sums[:, 0] * share, families(kept), low, high, ones, envelope, nma, tolerance)
+    sheets = tuple(rays.sheet(sigma) for rays in traced)
+    low, high, gamma = pair_ranges(sheets, system.sigma0, sums[:, 0] / (nma * sums[0, 0]), envelope, tolerance)
+    plan = plan_pairs(labels, sums[:, 0] * share, families(kept), low, high, gamma, envelope, nma, tolerance)
     fields, unresolved = _fields(traced, kept, plan, sigma, x0)
     share = spot(system, kept[0], theta, system.sigma0).power / power(fields[0])[0][TRACED_WAVENUMBERS // 2]
     transmission, error = sums.T * share
@@ -125,7 +129,7 @@ def field_point(
         labels, families(kept), np.array([path.order for path in kept], dtype=np.int64), transmission, tuple(pairs),
         (*plan.left_out, *failed), error,
     )  # fmt: skip
-    return FieldPoint(x0, theta, tuple(kept), tuple(traced), coherency, plan, tuple(empty), unresolved)
+    return FieldPoint(x0, theta, tuple(kept), sheets, coherency, plan, tuple(empty), unresolved)
 
 
 def _fields(
@@ -172,30 +176,55 @@ def _pairs(
     return pairs, failed
 
 
-def opd_ranges(traced: Sequence[Rays], sigma: Array) -> tuple[Array, Array]:
-    """Smallest and largest group OPD of every pair over the pupil points that both feed, (B, B) m each.
+def pair_ranges(
+    sheets: Sequence[Sheet], sigma0: float, weight: Array, envelope: Callable[[Array, Array], Array], tolerance: float
+) -> tuple[Array, Array, Array]:
+    """Range of the group OPD of every pair over the pupil points that both feed, and an estimate of its |γ|; (B, B) each.
 
-    Group path length = d(σ·opl)/dσ, here between the outer traced wavenumbers, as a polynomial over each beam's pupil.
-    Pairs that share no point get the whole range of both.
+    weight (B,): power over nominal power and NMA, so that √(weight_m weight_l)·|G| bounds what a pair adds to M. Pairs
+    for which that is far below the tolerance keep |γ| ≤ 1, for the others see ``stationary_phase``.
+    Pairs that share no point get the whole range of both, and 1.
     """
-    lo = np.min([rays.pupil[0].min(axis=0) for rays in traced], axis=0)
-    hi = np.max([rays.pupil[0].max(axis=0) for rays in traced], axis=0)
+    lo = np.min([sheet.p.min(axis=0) for sheet in sheets], axis=0)
+    hi = np.max([sheet.p.max(axis=0) for sheet in sheets], axis=0)
     points = 0.5 * (lo + hi) + 0.5 * (hi - lo) * disc(COMMON_POINTS)
-    group = np.full((len(traced), len(points)), np.nan)
-    for b, rays in enumerate(traced):
-        p = rays.pupil[0]
-        product = rays.opl * sigma[:, None]
-        length = (product[-1] - product[0]) / (sigma[-1] - sigma[0])
-        centre, half = 0.5 * (p.min(axis=0) + p.max(axis=0)), 0.5 * float(np.ptp(p, axis=0).max())
-        near = ((points - centre) ** 2).sum(axis=1) <= (1.05 * half) ** 2
-        coefficient = np.linalg.lstsq(monomials((p - centre) / half, GROUP_DEGREE), length, rcond=None)[0]
-        group[b, near] = monomials((points[near] - centre) / half, GROUP_DEGREE) @ coefficient
-    low, high = np.empty((len(traced),) * 2), np.empty((len(traced),) * 2)
+    group = np.full((len(sheets), len(points)), np.nan)
+    phase = np.full_like(group, np.nan)
+    for b, sheet in enumerate(sheets):
+        near = sheet.covers(points)
+        group[b, near], phase[b, near] = sheet.group_at(points[near]), sheet.opl_at(points[near])
+    low, high = np.empty((len(sheets),) * 2), np.empty((len(sheets),) * 2)
     least, most = np.nanmin(group, axis=1), np.nanmax(group, axis=1)
-    for m in range(len(traced)):
+    for m in range(len(sheets)):
         difference = group[m] - group
         shared = np.isfinite(difference).any(axis=1)
         filled = np.where(shared[:, None], difference, 0.0)
-        low[m] = np.where(shared, np.nanmin(filled, axis=1), least[m] - most)
-        high[m] = np.where(shared, np.nanmax(filled, axis=1), most[m] - least)
-    return low - OPD_MARGIN, high + OPD_MARGIN
+        low[m] = np.where(shared, np.nanmin(filled, axis=1), least[m] - most) - OPD_MARGIN
+        high[m] = np.where(shared, np.nanmax(filled, axis=1), most[m] - least) + OPD_MARGIN
+    gamma = np.ones_like(low)
+    bound = np.sqrt(np.outer(weight, weight)) * envelope(low, high)
+    for m, l in zip(*np.nonzero(np.triu(bound > FAR_BELOW * tolerance, 1)), strict=True):  # noqa: E741
+        gamma[m, l] = stationary_phase(points, (phase[m] - phase[l]) * sigma0)
+    return low, high, gamma
+
+
+def stationary_phase(points: Array, waves: Array) -> float:
+    """Estimate, on the safe side, of |γ| for a path difference ``waves`` (N,; NaN where not shared) at points (N, 2).
+
+    A quadratic fitted to the difference has principal values a and b, in waves at the rim of the shared points. Each
+    lowers |γ| like a Fresnel integral: by at most SAFE·0.354/√|a| (the whole stationary zone inside; a disc of pure
+    defocus W has 1/(πW), this gives 2.5/(πW)). An estimate, since it rests on the quadratic: what it leaves out of a
+    plan is reported as such.
+    """
+    shared = np.isfinite(waves)
+    if shared.sum() < 12 or np.ptp(waves[shared]) < 1.0:
+        return 1.0
+    p = points[shared]
+    half = 0.5 * float(np.ptp(p, axis=0).max())
+    x = (p - p.mean(axis=0)) / half
+    q, r = np.linalg.qr(monomials(x, 2))
+    value = waves[shared]
+    c = dict(zip(monomial_powers(2), np.linalg.solve(r, q.T @ value), strict=True))
+    a, b = np.linalg.eigvalsh(np.array([[c[2, 0], 0.5 * c[1, 1]], [0.5 * c[1, 1], c[0, 2]]]))
+    factors = [min(1.0, SAFE * 0.354 / np.sqrt(abs(v))) if abs(v) > 0 else 1.0 for v in (a, b)]
+    return float(factors[0] * factors[1])

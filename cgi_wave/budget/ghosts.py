@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cgi_wave.budget.fieldpoint import FieldPoint
 from cgi_wave.budget.pointsource import PointSource
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.beams import Rays, monomials
 from cgi_wave.rays.paths import Path
-
-Array = NDArray[np.float64]
 
 
 def ghost_rows(system: OpticalSystem, fields: Sequence[tuple[FieldPoint, PointSource]]) -> list[dict[str, Any]]:
@@ -74,8 +69,8 @@ GEOMETRY = ("opd_m", "opd_arm2_m", "slope", "slope_count", "fringes", "contrast_
 def _geometry(system: OpticalSystem, point: FieldPoint, path: Path) -> dict[str, float | None]:
     """OPD, slope and fringes against the nominal beams, and |J| under a uniform scene (None: bounded, not computed)."""
     number = point.coherency.labels.index(path.label)
-    ghost, arm1, arm2 = (At.of(point.rays[k]) for k in (number, 0, 1))
-    slope = float(np.mean(ghost.y - arm1.y_at(ghost.p)))
+    ghost, arm1, arm2 = (point.sheets[k] for k in (number, 0, 1))
+    slope = float(np.mean(ghost.y_at(ghost.p) - arm1.y_at(ghost.p)))
     nominal = float(np.mean(arm1.y_at(ghost.p) - arm2.y_at(ghost.p)))
     middle_point = ghost.p[[int(np.argmin(((ghost.p - ghost.p.mean(axis=0)) ** 2).sum(axis=1)))]]
     length = float(ghost.opl_at(middle_point)[0])
@@ -104,38 +99,3 @@ def count_slope(system: OpticalSystem, arm1: Path, arm2: Path, path: Path, nomin
     sloped = {*inter.arm1.sloped, *inter.arm2.sloped}
     met, met1, met2 = (sum(name in sloped for name, _ in p.steps) for p in (path, arm1, arm2))
     return None if met1 == met2 else nominal_slope * (met - met1) / (met1 - met2)
-
-
-@dataclass(frozen=True)
-class At:
-    """Rays of one beam that pass (shared detector point, middle wavenumber): pupil points p (N, 2) m, y (N,): direction
-    cosine along y at the detector, and polynomials of y and of the path length over the pupil."""
-
-    p: Array
-    y: Array
-    centre: Array
-    half: float
-    y_coefficient: Array
-    opl_coefficient: Array
-
-    @classmethod
-    def of(cls, rays: Rays) -> At:
-        """Fit both over all rays; keep those that pass."""
-        middle = rays.opl.shape[0] // 2
-        p = rays.pupil[middle]
-        centre, half = p.mean(axis=0), float(np.ptp(p, axis=0).max())
-        solution = np.linalg.lstsq(
-            monomials((p - centre) / half), np.column_stack([rays.direction[middle, :, 1], rays.opl[middle]]), rcond=None
-        )[0]
-        lit = (rays.clearance[:, middle] > 0).all(axis=0)
-        return cls(p[lit], rays.direction[middle, lit, 1], centre, half, solution[:, 0], solution[:, 1])
-
-    def y_at(self, p: Array) -> Array:
-        """Direction cosine along y of the rays through pupil points p (N, 2)."""
-        values: Array = monomials((p - self.centre) / self.half) @ self.y_coefficient
-        return values
-
-    def opl_at(self, p: Array) -> Array:
-        """Path length (m) of the rays through pupil points p (N, 2)."""
-        values: Array = monomials((p - self.centre) / self.half) @ self.opl_coefficient
-        return values

@@ -65,21 +65,28 @@ def direction_field(system: OpticalSystem, path: Path, theta: Array, x0: Array) 
     return fit_field(pupil_samples(rays, path, "direction", sigma, x0), target=FIT_TARGET)
 
 
-def point_source(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0: Array) -> PointSource:
-    """Spots and contrasts of ``paths[2:]`` against the nominal beam of arm 1 for one source direction, at σ0."""
+def point_source(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0: Array, orders: int = 2) -> PointSource:
+    """Spots and contrasts of ``paths[2:]`` against the nominal beam of arm 1 for one source direction, at σ0.
+
+    Ghosts of more than ``orders`` parasitic reflections get their spot and Eq. 4 only.
+    """
     sigma0 = system.sigma0
     nominal_spot = spot(system, paths[0], theta, sigma0)
     nominal = direction_field(system, paths[0], theta, x0)
-    ghosts = [_ghost(system, path, theta, x0, nominal_spot, nominal) for path in paths[2:]]
+    ghosts = [
+        _ghost(system, path, theta, x0, nominal_spot, nominal if path.order <= orders else None) for path in paths[2:]
+    ]
     return PointSource(theta, x0, nominal_spot, nominal, tuple(ghosts))
 
 
-def _ghost(system: OpticalSystem, path: Path, theta: Array, x0: Array, near: Spot, nominal: PupilField) -> PointGhost:
+def _ghost(system: OpticalSystem, path: Path, theta: Array, x0: Array, near: Spot, nominal: PupilField | None) -> PointGhost:
     try:
         here = spot(system, path, theta, system.sigma0)
     except EmptyBeamError:
         return PointGhost(path, None, None, None, None, None, "no ray of this direction arrives")
     eq4 = contrast_eq4(near.rms[0], near.rms[1], here.rms[0], here.rms[1])
+    if nominal is None:
+        return PointGhost(path, here, eq4, None, None, None, "not asked for at this field point")
     try:
         field = direction_field(system, path, theta, x0)
         found = overlap(field, nominal, np.array([system.sigma0]), CONTRAST_TOLERANCE)

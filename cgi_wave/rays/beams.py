@@ -22,6 +22,7 @@ FILLED = 0.35
 #: Points at which clearances are compared, and the most by which one changes between two of them: an aperture is
 #: carried along if its clearance falls below this where all others are above minus this.
 COMPARED = 1500
+COMFORTABLE = 0.25
 LIMITING = 0.05
 #: Apertures whose clearances agree to this everywhere are one (the stop and its image, a plate's two passes).
 SAME = 1e-6
@@ -71,6 +72,53 @@ class Rays:
         total = float((self.amplitude[middle, lit] ** 2).sum() * self.cell)
         count = max(int(lit.sum()), 1)
         return total, 3.0 * 0.3 * float(np.sqrt(2.0 * np.sqrt(np.pi * count))) / count * total
+
+
+    def sheet(self, sigma: Array) -> Sheet:
+        """Path lengths and directions as polynomials over the pupil; sigma (S,) as traced."""
+        middle = len(sigma) // 2
+        p = self.pupil[middle]
+        centre, half = p.mean(axis=0), float(np.sqrt(((p - p.mean(axis=0)) ** 2).sum(axis=1)).max())
+        product = self.opl * sigma[:, None]
+        group = (product[-1] - product[0]) / (sigma[-1] - sigma[0]) if len(sigma) > 1 else self.opl[0]
+        values = np.column_stack([self.opl[middle], group, self.direction[middle, :, 1]])
+        q, r = np.linalg.qr(monomials((p - centre) / half))
+        lit = (self.clearance[:, middle] > 0).all(axis=0)
+        return Sheet(p[lit], centre, half, np.linalg.solve(r, q.T @ values))
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The rays of a beam that reach one detector point, in short: pupil points p (N, 2), m, of those that pass, and
+    polynomials over the pupil of path length, group path length d(σ·opl)/dσ, m, and direction cosine along y."""
+
+    p: Array
+    centre: Array
+    half: float
+    coefficient: Array
+
+    def covers(self, points: Array) -> NDArray[np.bool_]:
+        """Whether pupil points (N, 2) lie within reach of the rays that pass."""
+        middle = self.p.mean(axis=0)
+        reach = np.sqrt(((self.p - middle) ** 2).sum(axis=1)).max() + 0.1 * self.half
+        inside: NDArray[np.bool_] = ((points - middle) ** 2).sum(axis=1) <= reach**2
+        return inside
+
+    def opl_at(self, points: Array) -> Array:
+        """Path length, m, of the rays through pupil points (N, 2)."""
+        return self._at(points, 0)
+
+    def group_at(self, points: Array) -> Array:
+        """Group path length, m, of the rays through pupil points (N, 2)."""
+        return self._at(points, 1)
+
+    def y_at(self, points: Array) -> Array:
+        """Direction cosine along y, at the detector, of the rays through pupil points (N, 2)."""
+        return self._at(points, 2)
+
+    def _at(self, points: Array, column: int) -> Array:
+        values: Array = monomials((points - self.centre) / self.half) @ self.coefficient[:, column]
+        return values
 
 
 @dataclass(frozen=True)
@@ -238,7 +286,10 @@ def _stack(  # type: ignore[no-untyped-def]
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
     cell = float(np.pi * (EVEN * half) ** 2 / (NODES - RING))
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
-    return Rays(u, opl, amplitude, limiting(clearance, p[0]), direction, p, x, phase, lost, even, cell)
+    # An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
+    near = clearance.min(axis=(1, 2)) < COMFORTABLE
+    near[0] = True
+    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, lost, even, cell)
 
 
 def limiting(clearance: Array, p: Array) -> Array:
@@ -278,8 +329,13 @@ def _operator(x: Array) -> Array:
     return operator
 
 
+def monomial_powers(degree: int) -> list[tuple[int, int]]:
+    """Powers (i, j), i + j ≤ degree, in the order of ``monomials``."""
+    return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+
+
 def monomials(x: Array, degree: int = 8) -> Array:
     """(N, T) products x^i y^j, i + j ≤ degree, of points (N, 2) in the unit disc."""
-    i, j = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
+    i, j = np.array(monomial_powers(degree)).T
     values: Array = x[:, :1] ** i * x[:, 1:] ** j
     return values

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
@@ -17,7 +18,7 @@ DEGREES = (4, 6, 8, 10, 12, 14, 16)
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
-_POWER_TOL = 1e-9
+POWER_SHARE = 1e-3  # numerical error asked of the power, as a share of the misfit that is asked for
 _METHOD = "polynomial pupil field"
 
 
@@ -120,8 +121,8 @@ def _near(x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]
     """
     near = np.zeros(lit.shape, bool)
     for s, here in enumerate(x):
-        gap = np.min([((here - bright) ** 2).sum(axis=1) for bright in here[lit[s]]], axis=0)
-        near[s] = (gap <= spacing**2) & ((here**2).sum(axis=1) <= 1.0)
+        gap, _ = KDTree(here[lit[s]]).query(here)
+        near[s] = (gap <= spacing) & ((here**2).sum(axis=1) <= 1.0)
     return near
 
 
@@ -245,7 +246,11 @@ def _choose(
             terms * OVERSAMPLING / fewest,
             "trace more rays",
         )
-    bases = [Basis.at(x[s][inside[s]], allowed[-1] + 1) for s in range(samples.sigma.size)]
+    bases: list[Basis] = []
+    for s in range(samples.sigma.size):
+        # In pupil space all wavenumbers share their points, and so their basis.
+        same = s > 0 and np.array_equal(x[s], x[0]) and np.array_equal(inside[s], inside[0])
+        bases.append(bases[0] if same else Basis.at(x[s][inside[s]], allowed[-1] + 1))
     trials = [_try_degree(samples, x, inside, lit, bases, allowed[0] + 1)]
     best = trials[0]
     for d in allowed[1:]:
@@ -289,7 +294,7 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     opl[:, 0, 0] += samples.opl.mean(axis=1)
     amplitude = np.array([f.coef[1] for f in trial.opl])
     opl_residual, amplitude_residual = _worst(trial.opl, inside, lit)
-    gram, error = _power(support, amplitude, amplitude_residual, samples.label)
+    gram, error = _power(support, amplitude, amplitude_residual, samples.label, POWER_SHARE * target)
     return PupilField(
         samples.label,
         samples.space,
@@ -308,7 +313,7 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     )
 
 
-def _power(support: Support, amplitude: Array, residual: float, label: str) -> tuple[Array, float]:
+def _power(support: Support, amplitude: Array, residual: float, label: str, tol: float) -> tuple[Array, float]:
     """Gram matrix (S, S) of the amplitudes over the support and the relative error bound of the power."""
     region: Region | None = find_region([support])
     if region is None:
@@ -321,7 +326,7 @@ def _power(support: Support, amplitude: Array, residual: float, label: str) -> t
     rough = float(np.mean(at_points(amplitude[0], np.zeros((1, 2))) ** 2) * np.prod(region.frame))
     weight = np.zeros((n, n))
     norm = np.full(s * s, max(rough, 1e-300))
-    total = integrate(region, phase, a[left], a[right], weight, norm, _POWER_TOL)
+    total = integrate(region, phase, a[left], a[right], weight, norm, tol)
     gram = 0.5 * (total.cross.reshape(s, s) + total.cross.reshape(s, s).T)
     least = float(np.diag(gram).min())
     numerical = SAFETY * float(total.change_power.max()) + total.edge

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ SAFETY = 2.0  # the error bound is this times the difference of the last two lev
 FIRST_CYCLES, FIRST_TURN, REFINEMENT = 5.0, 1.6, 1.5  # phase (cycles) and turning (rad) of a panel at level 0
 _LEVELS = 8
 _BREAK_LIMIT = 200
-_SCANS = (90, 180, 360)  # rays on which the boundary's corners are looked for, per level
+_SCANS = (120, 240, 480)  # rays on which the boundary's corners are looked for, per level
 _GRID = 41
 
 
@@ -41,7 +42,7 @@ class Support:
     residual: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Region:
     """The common support of some fields in a frame of its own: u = pivot + frame * (x, y).
 
@@ -166,8 +167,15 @@ def find_region(supports: Sequence[Support]) -> Region | None:
 
 
 def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
-    """Angle ranges (theta0, theta1) between corners, and whether their ends are corners (not so for a full turn)."""
-    scan = _SCANS[min(level, len(_SCANS) - 1)]
+    """Angle ranges (theta0, theta1) between corners, and whether their ends are corners (not so for a full turn).
+
+    Two levels share a search, so that a corner that the coarse one missed is found before the fine one is believed.
+    """
+    return _corners(region, _SCANS[min(level // 2, len(_SCANS) - 1)])
+
+
+@lru_cache(maxsize=8)
+def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
     angles = pupil.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
     if angles.size > _BREAK_LIMIT:
         raise MethodLimitError(
