@@ -4,7 +4,8 @@
 
 Both get the same surfaces, indices and rays, along the nominal path and along ghosts. Prints, lens by lens and path by
 path, the largest difference of positions on the detector, of directions and of path lengths, then rays times surfaces
-per second of both on one thread (batoid's default while OMP_NUM_THREADS is not set). ``--write`` stores rays and batoid's answers in tests/data, where the tests find them.
+per second of both on one thread (batoid's default while OMP_NUM_THREADS is not set). ``--write`` stores rays and
+batoid's answers in tests/data, where the tests find them.
 """
 
 from __future__ import annotations
@@ -102,7 +103,8 @@ def compare(name: str, count: int) -> tuple[list[dict[str, Any]], list[dict[str,
             ok = own.status % 4 == 0
             figures.append({
                 "lens": name, "path": text, "theta": list(field), "rays": int(ok.sum()), "lost": int((~ok).sum()),
-                "x_m": float(np.abs(own.x - x)[ok].max()), "direction": float(np.abs(own.direction - direction)[ok].max()),
+                "x_m": float(np.abs(own.x - x)[ok].max()),
+                "direction": float(np.abs(own.direction - direction)[ok].max()),
                 "opl_m": float(np.abs(own.opl - opl)[ok].max()),
             })  # fmt: skip
             few = np.flatnonzero(ok)[:12]
@@ -167,7 +169,7 @@ def main() -> None:
         return
     print(f"beside {result['peer']}: largest differences")
     for case in result["cases"]:
-        print(f"  {case['lens']:14s} {case['path']:52s} {case['theta']!s:16s} {case['rays']:5d} rays ({case['lost']} lost)  "
+        print(f"  {case['lens']:14s} {case['path']:52s} {case['theta']!s:16s} {case['rays']} rays, {case['lost']} lost  "
               f"x {case['x_m']:.1e} m  direction {case['direction']:.1e}  path {case['opl_m']:.1e} m")  # fmt: skip
     for line in result["speed"]:
         print(f"  {line['lens']:14s} {line['rays']} rays: {line['ray_surfaces_per_s'] / 1e6:.0f} M ray surfaces/s, "

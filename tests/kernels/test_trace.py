@@ -28,7 +28,8 @@ def run(steps, rays, footprints=False):
         return np.array([s[key] for s in steps])
 
     out = {"opl": np.zeros(count), "power": np.ones(count), "status": np.zeros(count, dtype=np.int64),
-           "clearance": np.full(count, np.inf), "foot": np.empty((len(steps) if footprints else 0, 2, count))}  # fmt: skip
+           "clearance": np.full(count, np.inf),
+           "foot": np.empty((len(steps) if footprints else 0, 2, count))}  # fmt: skip
     trace_sequence(np.array(rot), np.array(shift), column("curvature"), column("conic"), column("n1"), column("n2"),
                    column("mode"), column("weight"), column("bare"), column("aperture"), rays, **out)  # fmt: skip
     return rays, out

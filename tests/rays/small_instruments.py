@@ -61,8 +61,9 @@ def published(name) -> OpticalSystem:
 
 def singlet(distance, n=1.5, radius=100.0, **entrance) -> OpticalSystem:
     """A thin (1 mm) equiconvex lens 20 mm behind the pupil, the detector ``distance`` mm behind it."""
-    lens = frame("lens", "front", surface("front_face", "glass", 1.0, radius, 8.0, coating="bare"),
-                 surface("back_face", "back", distance, -radius, 8.0, coating="bare"), detector(), start_mm=20.0)  # fmt: skip
+    faces = (surface("front_face", "glass", 1.0, radius, 8.0, coating="bare"),
+             surface("back_face", "back", distance, -radius, 8.0, coating="bare"))  # fmt: skip
+    lens = frame("lens", "front", *faces, detector(), start_mm=20.0)
     return build([lens], {"front": 1.0, "glass": n, "back": 1.0}, radius=2.0, entrance=entrance)
 
 
@@ -88,7 +89,8 @@ def michelson(
     frames = [
         frame("input", "room", surface("cube_in", "cube_a", **plane), start_mm=30.0),
         frame("diagonal", "cube_a",
-              surface("splitter", "cube_b", aperture={"half_width_mm": [14.2, 10.0]}, coating="splitter", nominal="both"),
+              surface("splitter", "cube_b", aperture={"half_width_mm": [14.2, 10.0]}, coating="splitter",
+                      nominal="both"),
               rotate_deg=[0.0, -45.0, 0.0], **centre),
         frame("arm1", "cube_a", surface("cube_arm1", "gap1", 5.0, **plane), surface("mirror1", "", **silver),
               rotate_deg=[0.0, 90.0, 0.0], start_mm=10.0, **centre),
@@ -96,7 +98,8 @@ def michelson(
               surface("mirror2", "", tilt_deg=[tilt, 0.0, 0.0], **silver), start_mm=10.0, **centre),
         frame("exit", "cube_b", surface("cube_exit", "exit_room", 8.0, **plane), surface("front", "", **record),
               rotate_deg=[0.0, -90.0, 0.0], start_mm=10.0, **centre),
-        frame("return", "room", surface("back", "", **record), shift_mm=[0.0, 0.0, -40.0], rotate_deg=[180.0, 0.0, 0.0]),
+        frame("return", "room", surface("back", "", **record), shift_mm=[0.0, 0.0, -40.0],
+              rotate_deg=[180.0, 0.0, 0.0]),
     ]  # fmt: skip
     space = {"room": 1.0, "cube_a": 1.5, "cube_b": 1.5, "gap1": 1.0, "gap2": 1.0, "exit_room": 1.0}
     inter = {

@@ -65,8 +65,8 @@ def test_ellipse_images_one_focus_on_the_other():
 def test_ball_lens(n):
     """A ray at height h leaves a ball under 2(i − i′) and crosses the axis R sin i / sin 2(i − i′) from its centre."""
     radius, distance = 10.0, 40.0
-    ball = frame("ball", "room", surface("in", "glass", 2 * radius, radius, 9.9), surface("out", "back", distance, -radius, 9.9),
-                 detector(), start_mm=5.0)  # fmt: skip
+    halves = surface("in", "glass", 2 * radius, radius, 9.9), surface("out", "back", distance, -radius, 9.9)
+    ball = frame("ball", "room", *halves, detector(), start_mm=5.0)
     system = build([ball], {"room": 1.0, "glass": n, "back": 1.0}, radius=9.0)
     h = np.array([1e-3, 3e-3, 5e-3])
     p = np.column_stack([0 * h, h])
@@ -168,8 +168,8 @@ def reverse(sequence, rays):
     opl, power, clearance = np.zeros(rays.shape[1]), np.ones(rays.shape[1]), np.full(rays.shape[1], np.inf)
     status = np.zeros(rays.shape[1], dtype=np.int64)
     space = sequence.n1[0]
-    trace_sequence(rot, shift, turned(sequence.curvature, 0.0), turned(sequence.conic, 0.0), turned(n1, space), turned(n2, space),
-                   turned(sequence.mode, 0), turned(sequence.weight, 1.0), turned(sequence.bare, 0),
+    trace_sequence(rot, shift, turned(sequence.curvature, 0.0), turned(sequence.conic, 0.0), turned(n1, space),
+                   turned(n2, space), turned(sequence.mode, 0), turned(sequence.weight, 1.0), turned(sequence.bare, 0),
                    np.vstack([sequence.aperture[order], np.zeros(5)]), back, opl, power, status, clearance,
                    np.empty((0, 2, rays.shape[1])))  # fmt: skip
     # Only the pupil plane may lie where the ray is virtual: behind the first surface.
@@ -211,8 +211,8 @@ def test_light_returns_along_its_path(system, text):
 
 def test_trouble_names_kind_and_surface():
     # A half ball: parallel rays meet its round back beyond the critical angle; a sphere of 4 mm is missed at 5 mm.
-    frames = [frame("lens", "room", surface("flat", "glass", 8.0, aperture=9.0), surface("round", "back", 30.0, -10.0, 9.0),
-                    surface("small", "end", 5.0, 4.0, 3.9), detector(), start_mm=2.0)]  # fmt: skip
+    lens = surface("flat", "glass", 8.0, aperture=9.0), surface("round", "back", 30.0, -10.0, 9.0)
+    frames = [frame("lens", "room", *lens, surface("small", "end", 5.0, 4.0, 3.9), detector(), start_mm=2.0)]
     system = build(frames, {"room": 1.0, "glass": 1.5, "back": 1.0, "end": 1.0}, radius=9.0)
     sequence = sequence_of(system, "flat round small")
     h = np.array([0.0, 1.0, 5.0, 6.5, 7.5, 8.5]) * 1e-3
