@@ -169,8 +169,8 @@ def main() -> None:
         return
     print(f"beside {result['peer']}: largest differences")
     for case in result["cases"]:
-        print(f"  {case['lens']:14s} {case['path']:52s} {case['theta']!s:16s} {case['rays']} rays, {case['lost']} lost  "
-              f"x {case['x_m']:.1e} m  direction {case['direction']:.1e}  path {case['opl_m']:.1e} m")  # fmt: skip
+        what = f"  {case['lens']:14s} {case['path']:52s} {case['theta']!s:16s} {case['rays']} rays, {case['lost']} lost"
+        print(f"{what}  x {case['x_m']:.1e} m  direction {case['direction']:.1e}  path {case['opl_m']:.1e} m")
     for line in result["speed"]:
         print(f"  {line['lens']:14s} {line['rays']} rays: {line['ray_surfaces_per_s'] / 1e6:.0f} M ray surfaces/s, "
               f"batoid {line['batoid_ray_surfaces_per_s'] / 1e6:.0f} M, ratio {line['ratio']:.1f}")  # fmt: skip

@@ -103,8 +103,8 @@ def test_limits_of_the_search():
 
 
 def test_no_path_is_an_error():
-    frames = [frame("wall", "room", surface("hole", "behind", 5.0, aperture={"radius_mm": 0.1, "centre_mm": [40.0, 0.0]}),
-                    detector(), start_mm=5.0)]  # fmt: skip
+    aside = surface("hole", "behind", 5.0, aperture={"radius_mm": 0.1, "centre_mm": [40.0, 0.0]})
+    frames = [frame("wall", "room", aside, detector(), start_mm=5.0)]
     with pytest.raises(EmptyBeamError, match="no nominal path"):
         find_paths(build(frames, {"room": 1.0, "behind": 1.0}))
 
@@ -232,8 +232,10 @@ def test_retro_ghost_of_the_detector(extra):
     """The exit passes N = (1 + cos φ)/2, and of what the detector returns 1 − N comes back to it: ρ N (1 − N)."""
     rho = 0.04
     system = michelson(rho=rho, extra=extra, wavelength=1e6)
-    sent = {(a, b): amplitude(system, f"cube_in {IN[a]} {OUT[a]} cube_exit front:r cube_exit {AGAIN[b]} {OUT[b]} cube_exit")
-            for a, b in PAIRS}  # fmt: skip
+    turn = "cube_exit front:r cube_exit"
+    sent = {
+        (a, b): amplitude(system, f"cube_in {IN[a]} {OUT[a]} {turn} {AGAIN[b]} {OUT[b]} cube_exit") for a, b in PAIRS
+    }
     share = (1 + np.cos(2 * np.pi * 2 * extra)) / 2
     assert abs(sum(sent.values())) ** 2 == pytest.approx(rho * share * (1 - share), abs=1e-12)
     # Reciprocity: arms 1-2 and 2-1 are equally long; the splitter makes them opposite, so that they cancel.
@@ -267,8 +269,8 @@ def test_bare_face_turns_the_sign_towards_denser_glass():
 def test_bare_faces_of_a_plate_sum_to_airy():
     """Amplitudes of all orders between the bare faces of a plate: Airy's transmission (1 + F sin²δ/2)⁻¹."""
     n, t = 1.5, 2.0
-    plate = frame("plate", "room", surface("a", "glass", t, coating="bare"), surface("b", "back", 5.0, coating="bare"), detector(),
-                  start_mm=5.0)  # fmt: skip
+    faces = surface("a", "glass", t, coating="bare"), surface("b", "back", 5.0, coating="bare")
+    plate = frame("plate", "room", *faces, detector(), start_mm=5.0)
     r2 = ((n - 1) / (n + 1)) ** 2
     for wavelength in (1e6, 1.1e6, 1.3e6):
         system = build([plate], {"room": 1.0, "glass": n, "back": 1.0}, wavelength=wavelength)
