@@ -75,7 +75,7 @@ def _root_between(f, m, x0, x1, f0):
         step = x - value / slope if slope != 0.0 else lo
         if not (lo < step < hi):
             step = 0.5 * (lo + hi)
-        if abs(step - x) <= 4e-16 * (x1 + abs(x)):
+        if abs(step - x) <= 4e-15 * (x1 + abs(x)):
             return step
         x = step
     return x
@@ -85,8 +85,21 @@ def _root_between(f, m, x0, x1, f0):
 def _roots(c, top, out):
     """All sign changes of the polynomial c on (0, top), ascending: between the roots of its derivatives, in turn."""
     n = c.shape[0] - 1
-    while n > 1 and c[n] == 0.0:  # clearances are trimmed: most are of low degree, and each degree costs a pass
+    while n > 1 and c[n] == 0.0:  # most clearances are of low degree, and each degree costs a pass
         n -= 1
+    # Two cases that need no derivatives, and that nearly all rays are: a concave polynomial that starts positive (an
+    # aperture seen from inside), and a monotone one (a straight edge), by bounds of their derivatives on (0, top).
+    slope, bend, power = 0.0, 0.0, 1.0
+    for k in range(2, n + 1):
+        bend += k * (k - 1) * abs(c[k]) * power if k > 2 else 0.0
+        power *= top
+        slope += k * abs(c[k]) * power
+    concave = n >= 2 and c[0] > 0.0 and 2.0 * c[2] + bend < 0.0
+    if concave or abs(c[1]) > slope:
+        if (c[0] < 0.0) == (_horner(c[: n + 1], top) < 0.0):
+            return 0
+        out[0] = _root_between(c, n + 1, 0.0, top, c[0])
+        return 1
     f = np.empty(n + 1)
     previous = np.empty(n + 2)
     count = 0

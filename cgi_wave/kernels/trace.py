@@ -26,7 +26,7 @@ _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 @njit(**_JIT)
-def _to_surface(x, y, z, l, m, n, opl, status, rot, shift, curvature, conic, index, code):
+def _to_surface(x, y, z, l, m, n, opl, status, rot, shift, curvature, conic, index, code):  # noqa: E741
     """Move a slice into the next local frame and onto its surface (in place)."""
     r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
     r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
@@ -63,7 +63,7 @@ def _to_surface(x, y, z, l, m, n, opl, status, rot, shift, curvature, conic, ind
 
 
 @njit(**_JIT)
-def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):
+def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):  # noqa: E741
     """Refract or reflect a slice at the surface point it stands on (in place).
 
     Leaves the cosines of incidence and refraction: Fresnel's reflectance needs the second one, too.
@@ -263,8 +263,10 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
     hit = np.empty((max_depth + 1, count), dtype=np.int64)
     dist = np.empty((max_depth + 1, count))
     trail = np.empty(max_depth + 1, dtype=np.int64)
-    stack = np.empty((16 * max_depth, 5), dtype=np.int64)  # depth, surface, interaction, order, splits
-    stack_power = np.empty(16 * max_depth)
+    # At every depth of the branch there wait at most two interactions with each surface of one space.
+    room = 2 * np.max(start[1:] - start[:-1]) * max_depth
+    stack = np.empty((room, 5), dtype=np.int64)  # depth, surface, interaction, order, splits
+    stack_power = np.empty(room)
     paths = np.empty((max_paths, max_depth), dtype=np.int64)
     lengths = np.zeros(max_paths, dtype=np.int64)
     counts = np.zeros(max_paths, dtype=np.int64)
@@ -338,4 +340,5 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
             left = s
         if not moved:
             break
-    return paths[:found], lengths[:found], counts[:found], powers[:found], orders[:found], splits[:found], visits, overflow
+    some = slice(0, found)
+    return paths[some], lengths[some], counts[some], powers[some], orders[some], splits[some], visits, overflow
