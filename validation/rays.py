@@ -113,18 +113,19 @@ def compare(name: str, count: int) -> tuple[list[dict[str, Any]], list[dict[str,
     return figures, cases
 
 
-def best_time(function: Callable[[], object], repeats: int = 7) -> float:
-    """Shortest of several runs, s."""
-    times = []
+def best_times(functions: tuple[Callable[[], object], ...], repeats: int = 9) -> list[float]:
+    """Shortest of several runs of each function, s; they take turns, so that a busy machine slows all of them."""
+    best = [float("inf")] * len(functions)
     for _ in range(repeats):
-        start = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - start)
-    return min(times)
+        for k, function in enumerate(functions):
+            start = time.perf_counter()
+            function()
+            best[k] = min(best[k], time.perf_counter() - start)
+    return best
 
 
 def speed(name: str, count: int = 100_000) -> dict[str, Any]:
-    """Rays times surfaces per second of both, one thread each, turn by turn in one run."""
+    """Rays times surfaces per second of both, one thread each, in one run."""
     instrument = load_instrument(DATA / f"{name}.toml")
     system = instrument.band(instrument.bands[0])
     text, radius = LENSES[name][0]
@@ -132,7 +133,7 @@ def speed(name: str, count: int = 100_000) -> dict[str, Any]:
     peer, p, theta = batoid_tracer(system, text), pupil_points(radius, count), np.array([0.0, 0.03])
     trace(sequence, p[:10], theta)  # compiled before the clock starts
     work = count * len(sequence.names)
-    own, other = work / best_time(lambda: trace(sequence, p, theta)), work / best_time(lambda: peer(p, theta))
+    own, other = (work / t for t in best_times((lambda: trace(sequence, p, theta), lambda: peer(p, theta))))
     return {"lens": name, "rays": count, "surfaces": len(sequence.names), "ray_surfaces_per_s": own,
             "batoid_ray_surfaces_per_s": other, "ratio": own / other}  # fmt: skip
 
