@@ -325,6 +325,17 @@ def test_sampled_disc_closes_in_on_a_small_beam():
     assert abs(power - solid) < error
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_error_of_the_power_holds(seed):
+    """A hole somewhere in the pupil, of some size: the sum over even rays lies within its error of the integral."""
+    rng = np.random.default_rng(seed)
+    size, (x, y) = rng.uniform(0.4, 2.0), rng.uniform(-1.8, 1.8, 2)
+    hole = surface("hole", "behind", 30.0, aperture={"radius_mm": size, "centre_mm": [float(x), float(y)]})
+    system = build([frame("end", "room", hole, detector(), start_mm=1.0)], {"room": 1.0, "behind": 1.0})
+    power, error = to_point(system, parse_path(system, "hole"), AXIS).power()
+    assert abs(power - _solid_angle(np.array([x, y]), size, 30.0)) < error < 0.1 * power
+
+
 def _solid_angle(centre, radius, distance):
     """∫ d²q of a hole (mm) seen from a point ``distance`` before it on the axis: cos θ dΩ = h² d²s/(h² + s²)²."""
     nodes, weight = np.polynomial.legendre.leggauss(20)

@@ -220,11 +220,22 @@ def test_ports_at_a_short_wavelength():
     np.testing.assert_allclose(power.sum(axis=1), 1.0, atol=1e-8)
 
 
-def test_a_wrong_splitter_phase_makes_energy():
-    """Both reflections taken with phase 0 give 2 at OPD 0 and 0 half a wave on: the check above can fail."""
-    coating = {"reflectance": 0.5, "transmittance": 0.5}
-    assert sum(ports(0.0, wavelength=1e6, splitter=coating)) == pytest.approx(2.0, abs=1e-12)
-    assert sum(ports(0.25, wavelength=1e6, splitter=coating)) == pytest.approx(0.0, abs=1e-12)
+def splitter(reflect, transmit):
+    """Half and half, with these phases in degrees."""
+    phases = {"reflect_phase_deg": reflect, "transmit_phase_deg": transmit}
+    return {"reflectance": 0.5, "transmittance": 0.5} | phases
+
+
+@pytest.mark.parametrize(("reflect", "transmit"), [(90.0, 0.0), (-90.0, 0.0), (130.0, 40.0), (0.0, 90.0)])
+def test_splitters_phases_a_quarter_apart_keep_energy(reflect, transmit):
+    assert sum(ports(0.17, wavelength=1e6, splitter=splitter(reflect, transmit))) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("both", [0.0, 90.0])
+def test_a_wrong_splitter_phase_makes_energy(both):
+    """Reflection and transmission in phase give 2 at OPD 0 and 0 half a wave on: the checks above can fail."""
+    assert sum(ports(0.0, wavelength=1e6, splitter=splitter(both, both))) == pytest.approx(2.0, abs=1e-12)
+    assert sum(ports(0.25, wavelength=1e6, splitter=splitter(both, both))) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("extra", [0.0, 0.1, 0.37])

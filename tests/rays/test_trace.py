@@ -99,6 +99,20 @@ def test_plane_parallel_plate():
     np.testing.assert_allclose(traced.direction, 0.0, atol=1e-15)
 
 
+def test_tilts_follow_each_other_about_new_axes():
+    """First α about x, then β about the new y: the normal becomes (sin β, −sin α cos β, cos α cos β)."""
+    alpha, beta, gamma = np.radians([11.0, -7.0, 40.0])
+    tilt = np.degrees([alpha, beta, gamma]).tolist()
+    mirror = frame(
+        "mirror", "room", surface("flat", "", coating="mirror", nominal="reflect", tilt_deg=tilt), start_mm=50.0
+    )
+    end = frame("end", "room", detector(), rotate_deg=[180.0, 0.0, 0.0], start_mm=10.0)
+    traced = trace(sequence_of(build([mirror, end], {"room": 1.0}), "flat:r"), np.zeros((1, 2)), AXIS)
+    normal = np.array([np.sin(beta), -np.sin(alpha) * np.cos(beta), np.cos(alpha) * np.cos(beta)])
+    reflected = np.array([0.0, 0.0, 1.0]) - 2 * normal[2] * normal
+    np.testing.assert_allclose(traced.direction[0], [reflected[0], -reflected[1]], atol=1e-15)
+
+
 def test_opl_starts_at_the_pupil_in_its_medium():
     """The stretch from where rays start to the pupil is taken off with the index of the space it lies in."""
     system = build([frame("end", "water", detector(), start_mm=20.0)], {"water": 1.33})
