@@ -58,7 +58,8 @@ def _to_surface(x, y, z, l, m, n, opl, status, rot, shift, curvature, conic, ind
         m[i] = dm
         n[i] = dn
         opl[i] += index * t
-        trouble = code + MISS if disc < 0.0 else (code + BACKWARD if t < 0.0 else 0)
+        # Not "disc < 0": a ray along the vertex plane makes NaN of it.
+        trouble = code + MISS if not disc >= 0.0 else (code + BACKWARD if t < 0.0 else 0)
         status[i] = trouble if status[i] == 0 else status[i]
 
 
