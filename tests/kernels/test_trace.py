@@ -185,6 +185,13 @@ def test_status_keeps_the_first_trouble():
     assert list(out["status"]) == [12 + BACKWARD, 12 + BACKWARD, 8 + MISS]
 
 
+@pytest.mark.parametrize("curvature", [0.0, 20.0])
+@pytest.mark.parametrize("z", [0.0, -0.01])
+def test_ray_along_the_vertex_plane_is_a_miss(curvature, z):
+    _, out = run([place(0.0, curvature=curvature)], [[-1.0], [0.0], [z], [1.0], [0.0], [0.0]])
+    assert out["status"][0] == 4 + MISS
+
+
 def test_apertures_lower_the_clearance():
     x = np.array([0.0, 1e-3, 2e-3, 3e-3])
     rays = np.array([x, 0 * x, 0 * x, 0 * x, 0 * x, 1 + 0 * x])

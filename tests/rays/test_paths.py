@@ -43,7 +43,7 @@ def probes(system, count=512):
 
 @pytest.mark.parametrize("name", LENSES)
 def test_every_pair_of_faces_makes_a_ghost(name):
-    """n(n − 1)/2 pairs of n coated faces; a pair is missing only if no ray of it gets through, traced on its own."""
+    """n(n − 1)/2 pairs of n coated faces, all found; most of them pass light when traced on their own."""
     system = published(name)
     names = faces(system)
     coated = [i for i, face in enumerate(names) if face != "stop"]
@@ -59,9 +59,9 @@ def test_every_pair_of_faces_makes_a_ghost(name):
     assert str(found[0]) == " ".join(names) and found[0].order == 0
     assert all(path.order == path.splits == 2 for path in found[1:])
     assert len(found) == len({str(path) for path in found})
-    assert alive <= {str(path) for path in found[1:]} <= {ghost(names, i, j) for i, j in pairs}
-    if name == "cooke_triplet":
-        assert len(found) == 1 + 15
+    assert {str(path) for path in found[1:]} == {ghost(names, i, j) for i, j in pairs}
+    assert len(alive) > 0.6 * len(pairs)
+    assert len(found) == 1 + len(pairs)
 
 
 @pytest.mark.parametrize("name", LENSES)
