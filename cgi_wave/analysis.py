@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from cgi_wave.budget.fieldpoint import FieldPoint, field_point
+from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
 from cgi_wave.budget.ghosts import ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
+from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
+from cgi_wave.budget.select import POWER_FLOOR, select_ghosts
 from cgi_wave.budget.table1 import table1
 from cgi_wave.fringes.coherency import Coherency
 from cgi_wave.fringes.nma import Retrieval, retrieve
@@ -30,8 +32,6 @@ from cgi_wave.scene.spectrum_file import load_spectrum
 
 Progress = Callable[[str], None]
 
-#: Ghosts below this power (of the nominal beams together) are left to the bound, as in the paper.
-POWER_FLOOR = 1e-5
 #: OPD up to which spectra are sampled and pairs computed, m. Beyond, the envelope is bounded instead.
 MAX_OPD = 0.1
 PROCESSES = 2
@@ -101,41 +101,42 @@ def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spec
     return radiance, band_filter
 
 
-def select_ghosts(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """The nominal paths and the ghosts to be traced.
-
-    Those above POWER_FLOOR, as in the paper. TODO
-    """
-    return tuple(path for path in paths if path.order == 0 or path.estimate > POWER_FLOOR)
-
-
 def analyse(
-    bands: Sequence[str], instrument: str | None = None, tolerance: float = 1e-4, progress: Progress = lambda _: None
+    bands: Sequence[str],
+    instrument: str | None = None,
+    tolerance: float = 1e-4,
+    progress: Progress = lambda _: None,
+    cross_family: bool = False,
 ) -> Analysis:
     """Analyse bands of an instrument file (None: the reference instrument; no band: all of them).
 
     tolerance: part of the nominal modulation that a pair of beams may add and be left out. progress receives one line
-    of text at a time. Raises InputError, EmptyBeamError, MethodLimitError.
+    of text at a time. cross_family: see ``budget.fieldpoint.field_point``. Raises InputError, EmptyBeamError, MethodLimitError.
     """
     started = time.perf_counter()
     loaded = load_instrument(instrument)
     results = {}
     for name in bands or loaded.bands:
-        results[name] = analyse_band(loaded, name, tolerance, progress)
+        results[name] = analyse_band(loaded, name, tolerance, progress, cross_family)
     return Analysis(results, loaded.name, loaded.hash, {}, time.perf_counter() - started)
 
 
 def analyse_band(
-    instrument: Instrument, name: str, tolerance: float = 1e-4, progress: Progress = lambda _: None
+    instrument: Instrument,
+    name: str,
+    tolerance: float = 1e-4,
+    progress: Progress = lambda _: None,
+    cross_family: bool = False,
 ) -> BandResult:
     """One band at its five field points; see ``analyse``."""
     system = instrument.band(name)
     progress(f"{name}: searching ghost paths")
     found = find_paths(system)
-    paths = select_ghosts(found)
+    here = band_setting(system)
+    paths = select_ghosts(system, found, here.envelope, here.nma, tolerance)
     points = len(system.field_points())
     progress(f"{name}: {len(found) - 2} ghost paths found, {len(paths) - 2} to be traced at {points} field points")
-    task = Task(instrument.raw, instrument.file, name, paths, tolerance)
+    task = Task(instrument.raw, instrument.file, name, paths, tolerance, cross_family)
     fields: list[FieldResult] = []
     # Processes, not threads: half of the work is Python between short compiled loops.
     with ProcessPoolExecutor(PROCESSES) as pool:
@@ -148,6 +149,42 @@ def analyse_band(
     )
 
 
+def plan_band(
+    bands: str, instrument: str | None = None, tolerance: float = 1e-4, progress: Progress = lambda _: None,
+    cross_family: bool = False,
+) -> tuple[PairPlan, str]:  # fmt: skip
+    """What ``analyse`` would compute at the zone's centre of a band, without computing it: the plan, and as text.
+
+    Beams are traced and bounded; pupil fields are not fitted and contrasts not evaluated, but for the nominal pair,
+    whose time prices the rest. Raises InputError, EmptyBeamError.
+    """
+    loaded = load_instrument(instrument)
+    system = loaded.band(bands)
+    here = band_setting(system)
+    progress(f"{bands}: searching ghost paths")
+    found = find_paths(system)
+    paths = select_ghosts(system, found, here.envelope, here.nma, tolerance)
+    x0 = system.field_points()[0]
+    arguments = (x0, here.support, here.envelope, here.nma, tolerance, cross_family)
+    progress(f"{bands}: tracing {len(paths) - 2} of {len(found) - 2} ghost paths to the zone's centre")
+    with threadpool_limits(1):
+        beams = trace_beams(system, paths, *arguments)
+        field_point(system, paths[:2], *arguments)
+        started = time.perf_counter()
+        field_point(system, paths[:2], *arguments)
+        price = time.perf_counter() - started
+    fitted = len({number for pair in beams.plan.kept for number in (pair.m, pair.l)})
+    seconds = price * (fitted + len(beams.plan.kept)) / 3.0
+    text = (
+        f"{bands}: {len(found) - 2} ghost paths found, {len(paths) - 2} traced (power above {POWER_FLOOR:g} of the nominal, or "
+        f"amplitude above {tolerance:g} of the modulation), {len(beams.empty)} of them do not reach the zone's centre\n"
+        f"pupil fields: {fitted} of {len(beams.paths)} beams; the others add their power, summed over rays\n"
+        f"contrasts: {len(beams.plan.kept)} pairs, boundary-fitted Gauss panels; about {seconds:.0f} s per field point on "
+        f"one core (nominal pair: {price:.2f} s)\n\n{beams.plan.table(60)}"
+    )
+    return beams.plan, text
+
+
 @dataclass(frozen=True)
 class Task:
     """What a process needs to analyse a field point: the instrument's plain data, the band, its paths, the tolerance."""
@@ -157,6 +194,7 @@ class Task:
     band: str
     paths: tuple[Path, ...]
     tolerance: float
+    cross_family: bool
 
 
 @dataclass(frozen=True)
@@ -196,7 +234,7 @@ def analyse_field(task: Task, index: int) -> FieldResult:
     x0 = system.field_points()[index]
     # A BLAS that starts threads of its own for 300 × 150 matrices only waits for them.
     with threadpool_limits(1):
-        point = field_point(system, task.paths, x0, here.support, here.envelope, here.nma, task.tolerance)
+        point = field_point(system, task.paths, x0, here.support, here.envelope, here.nma, task.tolerance, task.cross_family)
         # Contrasts of second-order ghosts vary little over the zone and carry 1e-5 of the power: the centre stands for it.
         source = point_source(system, task.paths, point.theta, x0, orders=2 if index == 0 else 1)
         psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, zone_rows(system, x0), system.pixel)

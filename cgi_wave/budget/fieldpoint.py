@@ -77,7 +77,23 @@ def families(paths: Sequence[Path]) -> NDArray[np.int64]:
     return np.array([known.setdefault(path.history, len(known)) for path in paths], dtype=np.int64)
 
 
-def field_point(
+@dataclass(frozen=True)
+class Beams:
+    """What tracing says of one field point before anything is computed of waves: rays, powers, and the plan.
+
+    paths, rays, sheets: of the beams that arrive; power (B, 2): sums over rays and their errors, in units of J.
+    """
+
+    theta: Array
+    paths: tuple[Path, ...]
+    rays: tuple[Rays, ...]
+    sheets: tuple[Sheet, ...]
+    power: Array
+    plan: PairPlan
+    empty: tuple[str, ...]
+
+
+def trace_beams(
     system: OpticalSystem,
     paths: Sequence[Path],
     x0: Array,
@@ -85,18 +101,9 @@ def field_point(
     envelope: Callable[[Array, Array], Array],
     nma: float,
     tolerance: float,
-) -> FieldPoint:
-    """Trace every path to ``x0``, fit its pupil field, and compute the mutual coherence of the pairs that matter.
-
-    paths: nominal arm 1, nominal arm 2, then ghosts. sigma_range (1/m): the filter's support. envelope(opd_lo, opd_hi):
-    largest coherence of the filtered spectrum over a range of OPDs (m). nma: the nominal one, for the bounds.
-    tolerance: largest part of the nominal modulation that one pair may add and be left out.
-
-    A beam of which every pair stays below the tolerance adds its power only: that is summed over its rays, with the
-    error of such a sum, and no field is fitted to it.
-
-    Raises EmptyBeamError if a nominal beam does not arrive.
-    """
+    cross_family: bool = False,
+) -> Beams:
+    """Trace every path to ``x0`` and plan which pairs of beams are worth computing; arguments as in ``field_point``."""
     sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)
     theta = nominal_direction(system, paths[0], x0)
     traced: list[Rays] = []
@@ -110,26 +117,58 @@ def field_point(
             if path.order == 0:
                 raise
             empty.append(path.label)
-    labels = tuple(path.label for path in kept)
     sums = np.array([rays.power() for rays in traced])
-    # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
-    share = spot(system, kept[0], theta, system.sigma0).power / sums[0, 0]
     sheets = tuple(rays.sheet(sigma) for rays in traced)
-    low, high, gamma = pair_ranges(sheets, system.sigma0, sums[:, 0] / (nma * sums[0, 0]), envelope, tolerance)
-    plan = plan_pairs(labels, sums[:, 0] * share, families(kept), low, high, gamma, envelope, nma, tolerance)
-    fields, unresolved = _fields(traced, kept, plan, sigma, x0)
-    share = spot(system, kept[0], theta, system.sigma0).power / power(fields[0])[0][TRACED_WAVENUMBERS // 2]
-    transmission, error = sums.T * share
+    group = families(kept)
+    # Pairs that are not computed anyway need no estimate: |γ| ≤ 1 is their bound.
+    wanted = (group[:, None] == group) | (np.minimum.outer(group, group) == 0) | cross_family
+    weight = sums[:, 0] / (nma * sums[0, 0])
+    low, high, gamma = pair_ranges(sheets, system.sigma0, weight, envelope, np.where(wanted, tolerance, np.inf))
+    labels = tuple(path.label for path in kept)
+    plan = plan_pairs(labels, sums[:, 0], group, low, high, gamma, envelope, nma, tolerance, cross_family)
+    return Beams(theta, tuple(kept), tuple(traced), sheets, sums, plan, tuple(empty))
+
+
+def field_point(
+    system: OpticalSystem,
+    paths: Sequence[Path],
+    x0: Array,
+    sigma_range: tuple[float, float],
+    envelope: Callable[[Array, Array], Array],
+    nma: float,
+    tolerance: float,
+    cross_family: bool = False,
+) -> FieldPoint:
+    """Trace every path to ``x0``, fit its pupil field, and compute the mutual coherence of the pairs that matter.
+
+    paths: nominal arm 1, nominal arm 2, then ghosts. sigma_range (1/m): the filter's support. envelope(opd_lo, opd_hi):
+    largest coherence of the filtered spectrum over a range of OPDs (m). nma: the nominal one, for the bounds.
+    tolerance: largest part of the nominal modulation that one pair may add and be left out. cross_family: compute pairs
+    of ghosts off different surfaces too. Their phase hangs on distances that no drawing gives to a fraction of a
+    wavelength, so that a number for them is one of many; by default they are left out with their bounds.
+
+    A beam of which every pair stays below the tolerance adds its power only: that is summed over its rays, with the
+    error of such a sum, and no field is fitted to it.
+
+    Raises EmptyBeamError if a nominal beam does not arrive.
+    """
+    beams = trace_beams(system, paths, x0, sigma_range, envelope, nma, tolerance, cross_family)
+    sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)
+    fields, unresolved = _fields(beams.rays, beams.paths, beams.plan, sigma, x0)
+    # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
+    nominal = spot(system, beams.paths[0], beams.theta, system.sigma0).power
+    share = nominal / power(fields[0])[0][TRACED_WAVENUMBERS // 2]
+    transmission, error = beams.power.T * share
     for number, field in fields.items():
         value, relative = power(field)
         transmission[number] = value[TRACED_WAVENUMBERS // 2] * share
         error[number] = transmission[number] * relative
-    pairs, failed = _pairs(fields, transmission, plan, sigma_range, nma, tolerance)
+    pairs, failed = _pairs(fields, transmission, beams.plan, sigma_range, nma, tolerance)
+    orders = np.array([path.order for path in beams.paths], dtype=np.int64)
     coherency = Coherency(
-        labels, families(kept), np.array([path.order for path in kept], dtype=np.int64), transmission, tuple(pairs),
-        (*plan.left_out, *failed), error,
-    )  # fmt: skip
-    return FieldPoint(x0, theta, tuple(kept), sheets, coherency, plan, tuple(empty), unresolved)
+        beams.plan.labels, families(beams.paths), orders, transmission, tuple(pairs), (*beams.plan.left_out, *failed), error
+    )
+    return FieldPoint(x0, beams.theta, beams.paths, beams.sheets, coherency, beams.plan, beams.empty, unresolved)
 
 
 def _fields(
@@ -177,12 +216,12 @@ def _pairs(
 
 
 def pair_ranges(
-    sheets: Sequence[Sheet], sigma0: float, weight: Array, envelope: Callable[[Array, Array], Array], tolerance: float
+    sheets: Sequence[Sheet], sigma0: float, weight: Array, envelope: Callable[[Array, Array], Array], tolerance: Array
 ) -> tuple[Array, Array, Array]:
     """Range of the group OPD of every pair over the pupil points that both feed, and an estimate of its |γ|; (B, B) each.
 
     weight (B,): power over nominal power and NMA, so that √(weight_m weight_l)·|G| bounds what a pair adds to M. Pairs
-    for which that is far below the tolerance keep |γ| ≤ 1, for the others see ``stationary_phase``.
+    for which that is far below the tolerance (B, B) keep |γ| ≤ 1, for the others see ``stationary_phase``.
     Pairs that share no point get the whole range of both, and 1.
     """
     lo = np.min([sheet.p.min(axis=0) for sheet in sheets], axis=0)

@@ -23,7 +23,7 @@ from scipy.special import gammaln
 
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.fringes import chebyshev
-from cgi_wave.fringes.coherency import Coherency, Pair
+from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -43,7 +43,10 @@ class Interferogram:
     contrast_error : from the error bounds of the pairs' γ, added without cancellation
     sampling_error : |sum on the given σ grid − sum on every second sample|, added over pairs
     numerical_error : reduction of the spectral sum, interpolation along y, lost spectral tails, rounding
-    left_out : plain sum of the bounds of the pairs that belong here and were left out, relative to the nominal M
+    left_out : what the pairs that belong here and were left out can add, relative to the nominal M: bounds added
+        plainly within two families, whose arm pairs keep their phases, and in squares over families, whose surfaces
+        no one places to a fraction of a wavelength. A standard error
+    left_out_bound : the plain sum of all those bounds
     unbounded : number of pairs that belong here and are neither computed nor left out with a bound
     """
 
@@ -55,6 +58,7 @@ class Interferogram:
     sampling_error: float
     numerical_error: float
     left_out: float
+    left_out_bound: float
     unbounded: int
 
 
@@ -163,9 +167,19 @@ def _interferogram(
         contrast_error=contrast,
         sampling_error=sampling,
         numerical_error=numerical,
-        left_out=float(sum(left.bound for left in out)),
+        left_out=_standard_error(coherency, out),
+        left_out_bound=float(sum(left.bound for left in out)),
         unbounded=wanted - int(used.sum()) - len(out),
     )
+
+
+def _standard_error(coherency: Coherency, out: list[LeftOut]) -> float:
+    """Bounds added plainly within each pair of families, and in squares over the pairs of families."""
+    sums: dict[tuple[int, int], float] = {}
+    for left in out:
+        m, l = sorted((int(coherency.family[left.m]), int(coherency.family[left.l])))  # noqa: E741
+        sums[m, l] = sums.get((m, l), 0.0) + left.bound
+    return float(np.sqrt(sum(bound * bound for bound in sums.values())))
 
 
 def _amplitudes(coherency: Coherency) -> Array:

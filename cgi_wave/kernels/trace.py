@@ -255,8 +255,8 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
     parasitic_*: 1 where it counts as a parasitic reflection. A branch ends where order, splits, power or depth run
     out, or where no probe is left. The prefix of a branch is traced once and shared by all that grow from it.
 
-    Returns (paths (P, max_depth) int64: 2·surface + interaction, lengths, probe counts, coating power, orders,
-    splits, visits, overflow): overflow is 1 if more than max_paths exist or a path was cut at max_depth.
+    Returns (paths (P, max_depth) int64: 2·surface + interaction, lengths, probe counts, first probe that arrives,
+    coating power, orders, visits, overflow): overflow is 1 if more than max_paths exist or a path was cut at max_depth.
     """
     count = rays0.shape[1]
     rays = np.empty((max_depth + 1, 6, count))
@@ -273,7 +273,7 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
     counts = np.zeros(max_paths, dtype=np.int64)
     powers = np.zeros(max_paths)
     orders = np.zeros(max_paths, dtype=np.int64)
-    splits = np.zeros(max_paths, dtype=np.int64)
+    probes = np.zeros(max_paths, dtype=np.int64)
     found, top, overflow, visits = 0, 0, 0, 0
     rays[0] = rays0
     alive[0, :] = True
@@ -284,10 +284,11 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
                        curvature, conic, aperture)  # fmt: skip
         for j in range(start[space], start[space + 1]):
             s = members[j]
-            seen = 0
+            seen, first = 0, -1
             for i in range(count):
                 if hit[depth, i] == s:
                     seen += 1
+                    first = i if first < 0 else first
             if seen == 0:
                 continue
             if s == detector:
@@ -296,7 +297,7 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
                 else:
                     paths[found, :depth] = trail[:depth]
                     lengths[found], counts[found], powers[found] = depth, seen, power
-                    orders[found], splits[found] = order, split
+                    orders[found], probes[found] = order, first
                     found += 1
             if depth + 1 > max_depth - 1:
                 overflow = 1
@@ -342,4 +343,4 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
         if not moved:
             break
     some = slice(0, found)
-    return paths[some], lengths[some], counts[some], powers[some], orders[some], splits[some], visits, overflow
+    return paths[some], lengths[some], counts[some], probes[some], powers[some], orders[some], visits, overflow

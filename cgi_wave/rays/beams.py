@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: Rays per beam: enough for a polynomial of degree 12 with a third to spare.
 NODES = 280
+#: Rays without which a beam is given up.
+FEWEST = 30
 #: Share of rays that must pass before a beam is sampled; below it the sampled disc is drawn in around those that do.
 FILLED = 0.35
 #: Points at which clearances are compared, and the most by which one changes between two of them: an aperture is
@@ -82,9 +84,10 @@ class Rays:
         product = self.opl * sigma[:, None]
         group = (product[-1] - product[0]) / (sigma[-1] - sigma[0]) if len(sigma) > 1 else self.opl[0]
         values = np.column_stack([self.opl[middle], group, self.direction[middle, :, 1]])
-        q, r = np.linalg.qr(monomials((p - centre) / half))
+        degree = 8 if len(p) >= 90 else 4
+        q, r = np.linalg.qr(monomials((p - centre) / half, degree))
         lit = (self.clearance[:, middle] > 0).all(axis=0)
-        return Sheet(p[lit], centre, half, np.linalg.solve(r, q.T @ values))
+        return Sheet(p[lit], centre, half, degree, np.linalg.solve(r, q.T @ values))
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ class Sheet:
     p: Array
     centre: Array
     half: float
+    degree: int
     coefficient: Array
 
     def covers(self, points: Array) -> NDArray[np.bool_]:
@@ -117,7 +121,7 @@ class Sheet:
         return self._at(points, 2)
 
     def _at(self, points: Array, column: int) -> Array:
-        values: Array = monomials((points - self.centre) / self.half) @ self.coefficient[:, column]
+        values: Array = monomials((points - self.centre) / self.half, self.degree) @ self.coefficient[:, column]
         return values
 
 
@@ -191,16 +195,18 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         sequence = compile_sequence(system, path, float(sigma))
         theta_s, ok_s = aim(sequence, p, x0, theta)
         per_sigma.append((sequence, theta_s, ok_s))
-    keep = ok & np.all([entry[2] for entry in per_sigma], axis=0)
+    # A ray whose neighbours fail has no Jacobian: it is left out at all wavenumbers.
+    matrices = [jacobian(sequence, p, theta_s, THETA_STEP)[0] for sequence, theta_s, _ in per_sigma]
+    keep = ok & np.all([entry[2] for entry in per_sigma], axis=0) & np.isfinite(matrices).all(axis=(0, 2, 3))
+    if keep.sum() < FEWEST:
+        raise EmptyBeamError(f"{path.label}: {keep.sum()} of {len(p)} rays can be aimed at {x0 * 1e3} mm, {FEWEST} are needed")
     p = p[keep]
     parts = []
-    for sequence, theta_s, _ in per_sigma:
-        theta_s = theta_s[keep]
-        traced = trace(sequence, p, theta_s, footprints=True)
-        by_theta = jacobian(sequence, p, theta_s, THETA_STEP)[0]
+    for (sequence, theta_s, _), matrix in zip(per_sigma, matrices, strict=True):
+        traced = trace(sequence, p, theta_s[keep], footprints=True)
         # What is left of the aiming error moves the end of the ray by δx: to first order Λ changes by q·δx.
         opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.abs(np.linalg.det(by_theta)))
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(matrix[keep])), 1e-300))
         parts.append((p, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
     crossed = caustics(per_sigma[len(sigmas) // 2][0], p[nearest], per_sigma[len(sigmas) // 2][1][keep][nearest], "theta")
@@ -301,7 +307,7 @@ def limiting(clearance: Array, p: Array) -> Array:
     centre = 0.5 * (p.min(axis=0) + p.max(axis=0))
     x = (p - centre) / np.sqrt(((p - centre) ** 2).sum(axis=1)).max()
     # The usual disc has its operator kept; a beam that lost rays needs one of its own.
-    to_dense = _usual_operator() if len(x) == NODES else _operator(x)
+    to_dense = _usual_operator() if len(x) == NODES else _operator(x, 8 if len(x) >= 90 else 4)
     dense = clearance[:, clearance.shape[1] // 2] @ to_dense.T
     order = np.argsort(dense.min(axis=1))
     kept: list[int] = []
@@ -322,10 +328,10 @@ def _usual_operator() -> Array:
     return _operator(disc(NODES))
 
 
-def _operator(x: Array) -> Array:
-    """(COMPARED, N): values of the polynomial (degree 8) through samples at ``x`` on dense points of the unit disc."""
-    q, r = np.linalg.qr(monomials(x))
-    operator: Array = np.linalg.solve(r.T, monomials(disc(COMPARED)).T).T @ q.T
+def _operator(x: Array, degree: int = 8) -> Array:
+    """(COMPARED, N): values of the polynomial through samples at ``x`` on dense points of the unit disc."""
+    q, r = np.linalg.qr(monomials(x, degree))
+    operator: Array = np.linalg.solve(r.T, monomials(disc(COMPARED), degree).T).T @ q.T
     return operator
 
 
@@ -337,5 +343,8 @@ def monomial_powers(degree: int) -> list[tuple[int, int]]:
 def monomials(x: Array, degree: int = 8) -> Array:
     """(N, T) products x^i y^j, i + j ≤ degree, of points (N, 2) in the unit disc."""
     i, j = np.array(monomial_powers(degree)).T
-    values: Array = x[:, :1] ** i * x[:, 1:] ** j
+    powers = np.ones((degree + 1, *x.shape))
+    for k in range(1, degree + 1):
+        powers[k] = powers[k - 1] * x
+    values: Array = (powers[i, :, 0] * powers[j, :, 1]).T
     return values

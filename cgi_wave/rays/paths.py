@@ -20,6 +20,8 @@ Step = tuple[str, Interaction]
 
 MAX_DEPTH = 160
 MAX_PATHS = 20000
+#: Probe rays of a search.
+PROBES = 512
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Path:
     add none); arms: which interferometer arms are passed, in order; history: the parasitic interactions (paths that
     share it and differ in arms form a family); twin: number among paths of equal history and arms (a plate's face met
     from inside on the way in, or between mirror and plate on the way out); estimate: power on the detector relative to
-    the nominal beams together, from the probes of the search (a few per cent; NaN for a path written by hand).
+    the nominal beams together, from the probes of the search (a few per cent; NaN for a path written by hand); probe:
+    number of the first probe (of ``pupil_probes``) that arrived on it.
     """
 
     steps: tuple[Step, ...]
@@ -40,6 +43,7 @@ class Path:
     history: tuple[Step, ...]
     twin: int = 1
     estimate: float = float("nan")
+    probe: int = -1
 
     def __str__(self) -> str:
         return " ".join(f"{name}:r" if act == "reflect" else name for name, act in self.steps)
@@ -89,14 +93,19 @@ def parse_path(system: OpticalSystem, text: str) -> Path:
     return make_path(system, steps)
 
 
-def probe_rays(system: OpticalSystem, count: int, seed: int = 1) -> NDArray[np.float64]:
-    """World rays (6, count) that fill pupil and field evenly (Sobol points), moved back to where light comes from."""
-    entrance = system.document.entrance
+def pupil_probes(system: OpticalSystem, count: int, seed: int = 1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pupil points (count, 2) in m and direction cosines (count, 2) that fill pupil and field evenly (Sobol points)."""
     points = qmc.Sobol(4, seed=seed).random(count)
     radius, angle = system.pupil_radius * np.sqrt(points[:, 0]), 2 * np.pi * points[:, 1]
-    field = np.sin(np.radians(entrance.half_field_deg)) * (2 * points[:, 2:] - 1)
-    d = np.stack([field[:, 0], field[:, 1], np.sqrt(1 - (field**2).sum(axis=1))], axis=1)
-    start = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)], axis=1) - d * entrance.back_off_mm * 1e-3
+    field = np.sin(np.radians(system.document.entrance.half_field_deg)) * (2 * points[:, 2:] - 1)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), field
+
+
+def probe_rays(system: OpticalSystem, count: int, seed: int = 1) -> NDArray[np.float64]:
+    """World rays (6, count) of ``pupil_probes``, moved back to where light comes from."""
+    p, field = pupil_probes(system, count, seed)
+    d = np.column_stack([field, np.sqrt(1 - (field**2).sum(axis=1))])
+    start = np.column_stack([p, np.zeros(count)]) - d * system.document.entrance.back_off_mm * 1e-3
     axes, origin = system.pupil_frame()
     return np.ascontiguousarray(np.concatenate([start @ axes + origin, d @ axes], axis=1).T)
 
@@ -106,7 +115,7 @@ def find_paths(
     max_order: int = 2,
     max_splits: int = 3,
     min_power: float = 1e-9,
-    probes: int = 512,
+    probes: int = PROBES,
 ) -> tuple[Path, ...]:
     """Every path that reaches the detector: nominal ones first (arm 1, arm 2), then by order and falling power.
 
@@ -139,14 +148,14 @@ def find_paths(
     first = search(0, 0, 1e-12)
     if len(first[0]) == 0:
         raise EmptyBeamError(f"{system.file}: band {system.band}: no nominal path reaches the detector")
-    input_power, nominal_power = float(np.sum(first[3])), float(np.sum(first[3] * first[2]))
-    paths, lengths, counts, powers, orders, splits, _, overflow = search(max_order, max_splits, min_power * input_power)
+    input_power, nominal_power = float(np.sum(first[4])), float(np.sum(first[4] * first[2]))
+    paths, lengths, counts, arrived, powers, _, _, overflow = search(max_order, max_splits, min_power * input_power)
     if overflow:
         raise MethodLimitError("path search", f"{MAX_PATHS} paths or {MAX_DEPTH} surfaces", 1.0, "raise min_power or lower max_order")
     found: list[tuple[tuple[float, ...], Path]] = []
-    for row, length, count, power in zip(paths, lengths, counts, powers, strict=True):
+    for row, length, count, probe, power in zip(paths, lengths, counts, arrived, powers, strict=True):
         steps: list[Step] = [(surfaces[s // 2].name, "reflect" if s % 2 == REFLECT else "transmit") for s in row[:length]]
-        path = replace(make_path(system, steps), estimate=float(power * count / nominal_power))
+        path = replace(make_path(system, steps), estimate=float(power * count / nominal_power), probe=int(probe))
         key = (path.order, *path.arms) if path.order == 0 else (path.order, -power * count)
         found.append((key, path))
     ordered = [path for _, path in sorted(found, key=lambda item: (item[0], str(item[1])))]

@@ -69,7 +69,7 @@ class Traced:
     @property
     def valid(self) -> NDArray[np.bool_]:
         """Rays that have an intersection everywhere (apertures and virtual surfaces disregarded)."""
-        return (self.status == 0) | (self.status % 4 == BACKWARD)
+        return ((self.status == 0) | (self.status % 4 == BACKWARD)) & np.isfinite(self.opl)
 
 
 @lru_cache(maxsize=4096)
@@ -195,9 +195,9 @@ def aim(sequence: Sequence, p: Array, target: Array, start: Array, iterations: i
         move = where[good & ~done]
         if len(move) == 0:
             break
-        det = np.linalg.det(matrix[move])
-        singular = np.abs(det) < 1e-14
-        move = move[~singular]
+        # Where a neighbouring ray fails there is no matrix; where it is singular, x does not answer to theta.
+        move = move[np.isfinite(matrix[move]).all(axis=(1, 2))]
+        move = move[np.abs(np.linalg.det(matrix[move])) > 1e-14]
         delta = np.linalg.solve(matrix[move], miss[np.isin(where, move)][:, :, None])[:, :, 0]
         # A ghost far out of focus can throw the first step out of the field: shorten it.
         size = np.hypot(delta[:, 0], delta[:, 1])
