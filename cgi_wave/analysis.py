@@ -111,7 +111,9 @@ def analyse(
     """Analyse bands of an instrument file (None: the reference instrument; no band: all of them).
 
     tolerance: part of the nominal modulation that a pair of beams may add and be left out. progress receives one line
-    of text at a time. cross_family: see ``budget.fieldpoint.field_point``. Raises InputError, EmptyBeamError, MethodLimitError.
+    of text at a time. cross_family: see ``budget.fieldpoint.field_point``.
+
+    Raises InputError, EmptyBeamError, MethodLimitError.
     """
     started = time.perf_counter()
     loaded = load_instrument(instrument)
@@ -150,7 +152,7 @@ def analyse_band(
 
 
 def plan_band(
-    bands: str, instrument: str | None = None, tolerance: float = 1e-4, progress: Progress = lambda _: None,
+    band: str, instrument: str | None = None, tolerance: float = 1e-4, progress: Progress = lambda _: None,
     cross_family: bool = False,
 ) -> tuple[PairPlan, str]:  # fmt: skip
     """What ``analyse`` would compute at the zone's centre of a band, without computing it: the plan, and as text.
@@ -159,14 +161,14 @@ def plan_band(
     whose time prices the rest. Raises InputError, EmptyBeamError.
     """
     loaded = load_instrument(instrument)
-    system = loaded.band(bands)
+    system = loaded.band(band)
     here = band_setting(system)
-    progress(f"{bands}: searching ghost paths")
+    progress(f"{band}: searching ghost paths")
     found = find_paths(system)
     paths = select_ghosts(system, found, here.envelope, here.nma, tolerance)
     x0 = system.field_points()[0]
     arguments = (x0, here.support, here.envelope, here.nma, tolerance, cross_family)
-    progress(f"{bands}: tracing {len(paths) - 2} of {len(found) - 2} ghost paths to the zone's centre")
+    progress(f"{band}: tracing {len(paths) - 2} of {len(found) - 2} ghost paths to the zone's centre")
     with threadpool_limits(1):
         beams = trace_beams(system, paths, *arguments)
         field_point(system, paths[:2], *arguments)
@@ -176,18 +178,19 @@ def plan_band(
     fitted = len({number for pair in beams.plan.kept for number in (pair.m, pair.l)})
     seconds = price * (fitted + len(beams.plan.kept)) / 3.0
     text = (
-        f"{bands}: {len(found) - 2} ghost paths found, {len(paths) - 2} traced (power above {POWER_FLOOR:g} of the nominal, or "
-        f"amplitude above {tolerance:g} of the modulation), {len(beams.empty)} of them do not reach the zone's centre\n"
+        f"{band}: {len(found) - 2} ghost paths found, {len(paths) - 2} traced (power above {POWER_FLOOR:g} of the "
+        f"nominal, or amplitude above {tolerance:g} of the modulation), "
+        f"{len(beams.empty)} of them do not reach the zone's centre\n"
         f"pupil fields: {fitted} of {len(beams.paths)} beams; the others add their power, summed over rays\n"
-        f"contrasts: {len(beams.plan.kept)} pairs, boundary-fitted Gauss panels; about {seconds:.0f} s per field point on "
-        f"one core (nominal pair: {price:.2f} s)\n\n{beams.plan.table(60)}"
+        f"contrasts: {len(beams.plan.kept)} pairs, boundary-fitted Gauss panels; about {seconds:.0f} s per field "
+        f"point on one core (nominal pair: {price:.2f} s)\n\n{beams.plan.table(60)}"
     )
     return beams.plan, text
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a process needs to analyse a field point: the instrument's plain data, the band, its paths, the tolerance."""
+    """What a process needs to analyse a field point: the instrument's plain data, the band, its paths, the options."""
 
     raw: dict[str, Any]
     file: str
@@ -234,8 +237,10 @@ def analyse_field(task: Task, index: int) -> FieldResult:
     x0 = system.field_points()[index]
     # A BLAS that starts threads of its own for 300 × 150 matrices only waits for them.
     with threadpool_limits(1):
-        point = field_point(system, task.paths, x0, here.support, here.envelope, here.nma, task.tolerance, task.cross_family)
-        # Contrasts of second-order ghosts vary little over the zone and carry 1e-5 of the power: the centre stands for it.
+        point = field_point(
+            system, task.paths, x0, here.support, here.envelope, here.nma, task.tolerance, task.cross_family
+        )
+        # Second-order ghosts carry little power and change little over the zone: its centre stands for them.
         source = point_source(system, task.paths, point.theta, x0, orders=2 if index == 0 else 1)
         psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, zone_rows(system, x0), system.pixel)
         pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
@@ -250,4 +255,4 @@ def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.floa
     """
     _, _, y0, y1 = system.zone()
     count = round((y1 - y0) / system.pixel)
-    return y0 + (np.arange(count) + 0.5) * system.pixel - float(x0[1])
+    return np.asarray(y0 + (np.arange(count) + 0.5) * system.pixel - float(x0[1]), dtype=np.float64)

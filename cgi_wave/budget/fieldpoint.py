@@ -1,4 +1,4 @@
-"""One field point of one band: every beam that feeds it, its power, and the mutual coherence of the pairs that matter."""
+"""One field point of one band: every beam that feeds it, its power, and the coherence of the pairs that matter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,17 @@ from cgi_wave.budget.plan import PairPlan, plan_pairs
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.beams import Rays, Sheet, disc, limiting, monomial_powers, monomials, nominal_direction, rays_to_point, spot
+from cgi_wave.rays.beams import (
+    Rays,
+    Sheet,
+    disc,
+    limiting,
+    monomial_powers,
+    monomials,
+    nominal_direction,
+    rays_to_point,
+    spot,
+)
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.basis import chebyshev_wavenumbers
 from cgi_wave.wave.field import PupilField, fit_field, power
@@ -39,7 +49,7 @@ OPD_MARGIN = 2e-5
 
 @dataclass(frozen=True)
 class Unresolved:
-    """A beam whose field could not be made: its label, why, and its power from the path search (relative to t1 + t2)."""
+    """A beam whose field could not be made: its label, why, and its power by the path search (relative to t1 + t2)."""
 
     label: str
     reason: str
@@ -67,8 +77,9 @@ class FieldPoint:
 def pupil_samples(rays: Rays, path: Path, space: Space, sigma: Array, x0: Array) -> PupilSamples:
     """Rays of one path as the payload of the wave floor."""
     clearance = limiting(rays.clearance, rays.pupil[0])
-    return PupilSamples(path.label, space, rays.u, sigma, rays.opl, rays.amplitude, clearance, rays.direction, rays.phase,
-                        (float(x0[0]), float(x0[1])))  # fmt: skip
+    point = (float(x0[0]), float(x0[1]))
+    return PupilSamples(path.label, space, rays.u, sigma, rays.opl, rays.amplitude, clearance, rays.direction,
+                        rays.phase, point)  # fmt: skip
 
 
 def families(paths: Sequence[Path]) -> NDArray[np.int64]:
@@ -120,10 +131,8 @@ def trace_beams(
     sums = np.array([rays.power() for rays in traced])
     sheets = tuple(rays.sheet(sigma) for rays in traced)
     group = families(kept)
-    # Pairs that are not computed anyway need no estimate: |γ| ≤ 1 is their bound.
-    wanted = (group[:, None] == group) | (np.minimum.outer(group, group) == 0) | cross_family
     weight = sums[:, 0] / (nma * sums[0, 0])
-    low, high, gamma = pair_ranges(sheets, system.sigma0, weight, envelope, np.where(wanted, tolerance, np.inf))
+    low, high, gamma = pair_ranges(sheets, system.sigma0, weight, envelope, tolerance)
     labels = tuple(path.label for path in kept)
     plan = plan_pairs(labels, sums[:, 0], group, low, high, gamma, envelope, nma, tolerance, cross_family)
     return Beams(theta, tuple(kept), tuple(traced), sheets, sums, plan, tuple(empty))
@@ -166,7 +175,13 @@ def field_point(
     pairs, failed = _pairs(fields, transmission, beams.plan, sigma_range, nma, tolerance)
     orders = np.array([path.order for path in beams.paths], dtype=np.int64)
     coherency = Coherency(
-        beams.plan.labels, families(beams.paths), orders, transmission, tuple(pairs), (*beams.plan.left_out, *failed), error
+        beams.plan.labels,
+        families(beams.paths),
+        orders,
+        transmission,
+        tuple(pairs),
+        (*beams.plan.left_out, *failed),
+        error,
     )
     return FieldPoint(x0, beams.theta, beams.paths, beams.sheets, coherency, beams.plan, beams.empty, unresolved)
 
@@ -174,12 +189,14 @@ def field_point(
 def _fields(
     traced: Sequence[Rays], paths: Sequence[Path], plan: PairPlan, sigma: Array, x0: Array
 ) -> tuple[dict[int, PupilField], tuple[Unresolved, ...]]:
-    """Pupil fields of the beams that a kept pair needs; a ghost whose field cannot be made is named, with the reason."""
+    """Pupil fields of the beams that a kept pair needs; a ghost whose field cannot be made is named with the reason."""
     fields: dict[int, PupilField] = {}
     unresolved: list[Unresolved] = []
     for number in sorted({number for pair in plan.kept for number in (pair.m, pair.l)}):
         try:
-            fields[number] = fit_field(pupil_samples(traced[number], paths[number], "pupil", sigma, x0), target=FIT_TARGET)
+            fields[number] = fit_field(
+                pupil_samples(traced[number], paths[number], "pupil", sigma, x0), target=FIT_TARGET
+            )
         except CgiWaveError as error:
             if number < 2:
                 raise
@@ -211,17 +228,19 @@ def _pairs(
                 raise
             failed.append(LeftOut(item.m, item.l, item.modulation, f"not resolved: {error}"))
             continue
-        pairs.append(Pair(item.m, item.l, nodes, found.value, found.error_bound, found.opd_m, found.slope, found.method))
+        pairs.append(
+            Pair(item.m, item.l, nodes, found.value, found.error_bound, found.opd_m, found.slope, found.method)
+        )
     return pairs, failed
 
 
 def pair_ranges(
-    sheets: Sequence[Sheet], sigma0: float, weight: Array, envelope: Callable[[Array, Array], Array], tolerance: Array
+    sheets: Sequence[Sheet], sigma0: float, weight: Array, envelope: Callable[[Array, Array], Array], tolerance: float
 ) -> tuple[Array, Array, Array]:
-    """Range of the group OPD of every pair over the pupil points that both feed, and an estimate of its |γ|; (B, B) each.
+    """Range of the group OPD of every pair over the pupil points that both feed, an estimate of its |γ|; (B, B) each.
 
     weight (B,): power over nominal power and NMA, so that √(weight_m weight_l)·|G| bounds what a pair adds to M. Pairs
-    for which that is far below the tolerance (B, B) keep |γ| ≤ 1, for the others see ``stationary_phase``.
+    for which that is far below the tolerance keep |γ| ≤ 1, for the others see ``stationary_phase``.
     Pairs that share no point get the whole range of both, and 1.
     """
     lo = np.min([sheet.p.min(axis=0) for sheet in sheets], axis=0)
@@ -261,9 +280,8 @@ def stationary_phase(points: Array, waves: Array) -> float:
     p = points[shared]
     half = 0.5 * float(np.ptp(p, axis=0).max())
     x = (p - p.mean(axis=0)) / half
-    q, r = np.linalg.qr(monomials(x, 2))
-    value = waves[shared]
-    c = dict(zip(monomial_powers(2), np.linalg.solve(r, q.T @ value), strict=True))
+    basis = monomials(x, 2)
+    c = dict(zip(monomial_powers(2), np.linalg.solve(basis.T @ basis, basis.T @ waves[shared]), strict=True))
     a, b = np.linalg.eigvalsh(np.array([[c[2, 0], 0.5 * c[1, 1]], [0.5 * c[1, 1], c[0, 2]]]))
     factors = [min(1.0, SAFE * 0.354 / np.sqrt(abs(v))) if abs(v) > 0 else 1.0 for v in (a, b)]
     return float(factors[0] * factors[1])

@@ -18,10 +18,10 @@ def ghost_rows(system: OpticalSystem, fields: Sequence[tuple[FieldPoint, PointSo
 
     ``path`` is what ``rays.paths.parse_path`` takes back, ``label`` its short name. ``transmission``: power relative to
     the nominal beams together at a fixed detector point under a uniform scene, mean over the field points (a point that
-    the ghost does not reach counts 0). The point-source columns (RMS sizes, Eq. 4, contrast |γ| with the nominal beam of
-    arm 1, its bound and method) and ``opd_m``, ``opd_arm2_m`` (phase OPD to the nominal beams), ``slope`` and
-    ``fringes`` in the zone are those of the first field point that the ghost reaches. ``slope_count``: the paper's count
-    of sloped surfaces crossed. ``…_fields``: one value per field point.
+    the ghost does not reach counts 0). The point-source columns (RMS sizes, Eq. 4, contrast |γ| with the nominal beam
+    of arm 1, its bound and method) and ``opd_m``, ``opd_arm2_m`` (phase OPD to the nominal beams), ``slope`` and
+    ``fringes`` in the zone are those of the first field point that the ghost reaches. ``slope_count``: the paper's
+    count of sloped surfaces crossed. ``…_fields``: one value per field point.
     """
     labels = [path for path in fields[0][1].ghosts]
     rows = [_row(system, number, ghost.path, fields) for number, ghost in enumerate(labels)]

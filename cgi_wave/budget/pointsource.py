@@ -43,7 +43,7 @@ class PointGhost:
 
 @dataclass(frozen=True)
 class PointSource:
-    """Nominal field and spot for source direction ``theta``, and what each ghost makes of it; x0 (m): reference point."""
+    """Nominal field and spot of source direction ``theta``, and each ghost's part; x0 (m): reference point."""
 
     theta: Array
     x0: Array
@@ -79,7 +79,9 @@ def point_source(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0:
     return PointSource(theta, x0, nominal_spot, nominal, tuple(ghosts))
 
 
-def _ghost(system: OpticalSystem, path: Path, theta: Array, x0: Array, near: Spot, nominal: PupilField | None) -> PointGhost:
+def _ghost(
+    system: OpticalSystem, path: Path, theta: Array, x0: Array, near: Spot, nominal: PupilField | None
+) -> PointGhost:
     try:
         here = spot(system, path, theta, system.sigma0)
     except EmptyBeamError:

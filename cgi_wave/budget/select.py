@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 
 #: Ghosts above this power (of the nominal beams together) are traced whatever their path difference, as in the paper.
 POWER_FLOOR = 1e-5
-#: Room around the measured OPD, m: ghost and nominal rays of one probe end apart (a direction of 0.12 over 8 mm), and group and phase
-#: path lengths differ (by 0.012 over the glass that a ghost crosses more than a nominal beam).
+#: Room around the measured OPD, m: ghost and nominal rays of one probe end apart (a direction of 0.12 over 8 mm), and
+#: group and phase path lengths differ (by 0.012 over the glass that a ghost crosses more than a nominal beam).
 MARGIN = 2e-3
 
 
@@ -35,7 +35,9 @@ def select_ghosts(
     t1 = paths[0].estimate
     strong = [path for path in paths if path.order == 0 or path.estimate > POWER_FLOOR]
     weak = [
-        path for path in paths if path.order > 0 and path.estimate <= POWER_FLOOR and np.sqrt(path.estimate / t1) / nma > tolerance
+        path
+        for path in paths
+        if path.order > 0 and path.estimate <= POWER_FLOOR and np.sqrt(path.estimate / t1) / nma > tolerance
     ]
     ranges = np.array([opd_range(system, path, paths[:2]) for path in weak]).reshape(-1, 2)
     bound = np.sqrt(np.array([path.estimate for path in weak]) / t1) * envelope(ranges[:, 0], ranges[:, 1]) / nma

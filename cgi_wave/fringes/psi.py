@@ -155,7 +155,9 @@ def _interferogram(
     beams = len(coherency.labels)
     used = np.array([belongs(pair.m, pair.l, bookkeeping) for pair in coherency.pairs])
     power = coherency.transmission[:2].sum() if bookkeeping == "nominal" else coherency.transmission.sum()
-    uncertain = float((coherency.transmission_error[:2] if bookkeeping == "nominal" else coherency.transmission_error).sum())
+    uncertain = float(
+        (coherency.transmission_error[:2] if bookkeeping == "nominal" else coherency.transmission_error).sum()
+    )
     contrast, sampling, numerical = (float(bounds[name][used].sum()) for name in ("contrast", "sampling", "numerical"))
     out = [left for left in coherency.left_out if belongs(left.m, left.l, bookkeeping)]
     wanted = {"nominal": 1, "paper": 1 + 2 * (beams - 2), "coherent": beams * (beams - 1) // 2}[bookkeeping]

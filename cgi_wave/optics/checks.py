@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -26,9 +27,16 @@ def check_document(document: InstrumentSpec, file: str) -> None:
     for frame in document.frame:
         where = f"frame.{frame.name}"
         if frame.attach and frame.attach not in seen:
-            refuse(f"{where}.attach", frame.attach, "names no surface that stands earlier", "attach to an earlier surface")
+            refuse(
+                f"{where}.attach", frame.attach, "names no surface that stands earlier", "attach to an earlier surface"
+            )
         if frame.before and frame.before not in document.space:
-            refuse(f"{where}.before", frame.before, "is an unknown space", f"declare it in [space]: {', '.join(document.space)}")
+            refuse(
+                f"{where}.before",
+                frame.before,
+                "is an unknown space",
+                f"declare it in [space]: {', '.join(document.space)}",
+            )
         if not frame.surface:
             refuse(f"{where}.surface", [], "is empty", "list at least one surface")
         for spec in frame.surface:
@@ -52,7 +60,9 @@ def check_document(document: InstrumentSpec, file: str) -> None:
 
 def _check_surface(document: InstrumentSpec, spec: SurfaceSpec, where: str, refuse) -> None:  # type: ignore[no-untyped-def]
     if spec.after and spec.after not in document.space:
-        refuse(f"{where}.after", spec.after, "is an unknown space", f"declare it in [space]: {', '.join(document.space)}")
+        refuse(
+            f"{where}.after", spec.after, "is an unknown space", f"declare it in [space]: {', '.join(document.space)}"
+        )
     if spec.coating not in document.coating:
         refuse(f"{where}.coating", spec.coating, "is an unknown coating", f"declare it: {', '.join(document.coating)}")
     if spec.shape != "plane" and not spec.radius_mm:
@@ -65,12 +75,18 @@ def _check_surface(document: InstrumentSpec, spec: SurfaceSpec, where: str, refu
     ap = spec.aperture
     sizes = [ap.radius_mm] if ap.radius_mm is not None else list(ap.half_width_mm or [])
     if (ap.radius_mm is None) == (ap.half_width_mm is None) or min(sizes, default=0.0) <= 0:
-        refuse(f"{where}.aperture", sizes, "is neither a circle nor a rectangle", "give radius_mm or half_width_mm, positive")
+        refuse(
+            f"{where}.aperture",
+            sizes,
+            "is neither a circle nor a rectangle",
+            "give radius_mm or half_width_mm, positive",
+        )
     if spec.radius_mm and spec.shape != "plane":
         # Beyond this height the conic has no sag: a sphere cannot reach its aperture.
         x, y = (sizes * 2)[:2]
-        reach = max(np.hypot(abs(ap.centre_mm[0]) + (0 if ap.radius_mm else x), abs(ap.centre_mm[1]) + (0 if ap.radius_mm else y)),
-                    np.hypot(*ap.centre_mm) + (ap.radius_mm or 0.0))  # fmt: skip
+        corner = (0.0, 0.0) if ap.radius_mm else (x, y)
+        outer = [abs(centre) + half for centre, half in zip(ap.centre_mm, corner, strict=True)]
+        reach = max(math.hypot(*outer), math.hypot(*ap.centre_mm) + (ap.radius_mm or 0.0))
         if (1 + spec.conic) * (reach / spec.radius_mm) ** 2 >= 1:
             refuse(f"{where}.aperture", reach, f"reaches beyond the surface of radius {spec.radius_mm} mm", "reduce it")
 
@@ -97,15 +113,22 @@ def _check_bands(document: InstrumentSpec, refuse) -> None:  # type: ignore[no-u
     for name, band in document.band.items():
         r0, r1 = band.zone_rows
         if not 0 <= r0 < r1 <= document.detector.rows:
-            refuse(f"band.{name}.zone_rows", band.zone_rows, "is no zone of the detector", f"stay in 0 to {document.detector.rows}")
+            refuse(
+                f"band.{name}.zone_rows",
+                band.zone_rows,
+                "is no zone of the detector",
+                f"stay in 0 to {document.detector.rows}",
+            )
         if not band.wavelengths_nm or min(band.wavelengths_nm) <= 0:
-            refuse(f"band.{name}.wavelengths_nm", band.wavelengths_nm, "are not positive", "give vacuum wavelengths in nm")
+            refuse(
+                f"band.{name}.wavelengths_nm", band.wavelengths_nm, "are not positive", "give vacuum wavelengths in nm"
+            )
         if band.filter.fwhm_nm <= 0 or band.filter.centre_nm <= 0:
             refuse(f"band.{name}.filter", band.filter.fwhm_nm, "is no filter", "give positive centre_nm and fwhm_nm")
         low, high = min(band.wavelengths_nm), max(band.wavelengths_nm)
         if not low - 1e-9 <= band.filter.centre_nm <= high + 1e-9:
-            refuse(f"band.{name}.filter.centre_nm", band.filter.centre_nm, f"lies outside the band's spectrum {low} to {high} nm",
-                   "move the filter or extend wavelengths_nm")  # fmt: skip
+            problem = f"lies outside the band's spectrum {low} to {high} nm"
+            refuse(f"band.{name}.filter.centre_nm", band.filter.centre_nm, problem, "move it or extend wavelengths_nm")
 
 
 def check_geometry(document: InstrumentSpec, surfaces: tuple[Surface, ...], file: str) -> None:

@@ -41,7 +41,11 @@ def refractive_index(page: str | float, sigma: float, file: str = "glass", field
     low, high = material.get_wl_range()
     if not low <= nm <= high:
         raise InputError(
-            file, field, page, f"has no data at {nm:.1f} nm", f"stay within {low:.0f} to {high:.0f} nm or take another page"
+            file,
+            field,
+            page,
+            f"has no data at {nm:.1f} nm",
+            f"stay within {low:.0f} to {high:.0f} nm or take another page",
         )
     return float(material.get_refractive_index(nm))
 

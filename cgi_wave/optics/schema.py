@@ -159,7 +159,9 @@ def read_document(path: str | Path) -> dict[str, Any]:
     try:
         document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(name, "file", name, f"cannot be read ({error.strerror})", "name an existing TOML file") from error
+        raise InputError(
+            name, "file", name, f"cannot be read ({error.strerror})", "name an existing TOML file"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(name, "file", name, f"is not TOML ({error})", "mend the line that is named") from error
     _refuse_non_finite(name, "", document)
@@ -174,7 +176,9 @@ def convert(document: dict[str, Any], file: str) -> InstrumentSpec:
         text = str(error)
         problem, _, where = text.partition(" - at `$")
         field = where.rstrip("`").lstrip(".") or problem.partition("`")[2].partition("`")[0] or "(top level)"
-        raise InputError(file, field, _value_at(document, field), problem, "see docs/instrument.md for the fields") from error
+        raise InputError(
+            file, field, _value_at(document, field), problem, "see docs/instrument.md for the fields"
+        ) from error
 
 
 def _value_at(document: Any, field: str) -> object:

@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError
 from cgi_wave.optics import glass
 from cgi_wave.optics.checks import check_document, check_geometry
-from cgi_wave.optics.schema import BandSpec, CoatingSpec, FrameSpec, InstrumentSpec, Nominal, SurfaceSpec, convert, read_document
+from cgi_wave.optics.schema import (
+    BandSpec,
+    CoatingSpec,
+    FrameSpec,
+    InstrumentSpec,
+    Nominal,
+    SurfaceSpec,
+    convert,
+    read_document,
+)
 
 REFERENCE = Path(__file__).parent.parent / "data" / "reference.toml"
 MM, UM, NM = 1e-3, 1e-6, 1e-9
@@ -99,7 +108,8 @@ class OpticalSystem:
         c0, c1 = self.spec.zone_columns or (0, det.columns)
         r0, r1 = self.spec.zone_rows
         return tuple(  # type: ignore[return-value]
-            (edge - 0.5 * size) * self.pixel for edge, size in ((c0, det.columns), (c1, det.columns), (r0, det.rows), (r1, det.rows))
+            (edge - 0.5 * size) * self.pixel
+            for edge, size in ((c0, det.columns), (c1, det.columns), (r0, det.rows), (r1, det.rows))
         )
 
     def field_points(self) -> NDArray[np.float64]:
@@ -193,7 +203,13 @@ def _glass_page(document: InstrumentSpec, space: str, file: str) -> str | float:
     if name == "air":
         return 1.0
     if name not in document.glass:
-        raise InputError(file, f"space.{space}", name, "is an unknown glass", f"declare it in [glass]; there are: {', '.join(document.glass)}")
+        raise InputError(
+            file,
+            f"space.{space}",
+            name,
+            "is an unknown glass",
+            f"declare it in [glass]; there are: {', '.join(document.glass)}",
+        )
     return document.glass[name]
 
 
@@ -207,7 +223,9 @@ def _apply(raw: dict[str, Any], values: dict[str, float | list[float]], file: st
     for dotted, value in values.items():
         name, _, field = dotted.partition(".")
         if name not in targets or field not in (*SurfaceSpec.__struct_fields__, *FrameSpec.__struct_fields__):
-            raise InputError(file, f"{where}.{dotted}", value, "names no surface or frame, or no field of one", "write surface.field")
+            raise InputError(
+                file, f"{where}.{dotted}", value, "names no surface or frame, or no field of one", "write surface.field"
+            )
         targets[name][field] = list(value) if isinstance(value, list | tuple) else value
 
 
@@ -225,8 +243,9 @@ def _place(document: InstrumentSpec, spaces: list[str]) -> list[Surface]:
             vertex = origin + axes @ np.array([spec.decentre_mm[0] * MM, spec.decentre_mm[1] * MM, z])
             local = axes @ rotation(spec.tilt_deg)
             curvature = 1.0 / (spec.radius_mm * MM) if spec.radius_mm else 0.0
+            conic = spec.conic if spec.shape == "conic" else 0.0
             placed.append(
-                Surface(spec.name, spec.nominal, curvature, spec.conic if spec.shape == "conic" else 0.0, local.T.copy(), vertex,
+                Surface(spec.name, spec.nominal, curvature, conic, local.T.copy(), vertex,
                         _aperture(spec), document.coating[spec.coating], number[before], number[spec.after])
             )  # fmt: skip
             frames[spec.name] = (axes, origin + axes @ np.array([0.0, 0.0, z]))
@@ -245,4 +264,5 @@ def _aperture(spec: SurfaceSpec) -> NDArray[np.float64]:
 
 def describe(instrument: Instrument) -> dict[str, Any]:
     """The instrument's document as plain data (for provenance and for writing it back)."""
-    return msgspec.to_builtins(instrument.document)  # type: ignore[no-any-return]
+    plain: dict[str, Any] = msgspec.to_builtins(instrument.document)
+    return plain

@@ -75,7 +75,6 @@ class Rays:
         count = max(int(lit.sum()), 1)
         return total, 3.0 * 0.3 * float(np.sqrt(2.0 * np.sqrt(np.pi * count))) / count * total
 
-
     def sheet(self, sigma: Array) -> Sheet:
         """Path lengths and directions as polynomials over the pupil; sigma (S,) as traced."""
         middle = len(sigma) // 2
@@ -199,7 +198,9 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     matrices = [jacobian(sequence, p, theta_s, THETA_STEP)[0] for sequence, theta_s, _ in per_sigma]
     keep = ok & np.all([entry[2] for entry in per_sigma], axis=0) & np.isfinite(matrices).all(axis=(0, 2, 3))
     if keep.sum() < FEWEST:
-        raise EmptyBeamError(f"{path.label}: {keep.sum()} of {len(p)} rays can be aimed at {x0 * 1e3} mm, {FEWEST} are needed")
+        raise EmptyBeamError(
+            f"{path.label}: {keep.sum()} of {len(p)} rays can be aimed at {x0 * 1e3} mm, {FEWEST} are needed"
+        )
     p = p[keep]
     parts = []
     for (sequence, theta_s, _), matrix in zip(per_sigma, matrices, strict=True):
@@ -209,7 +210,9 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(matrix[keep])), 1e-300))
         parts.append((p, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
-    crossed = caustics(per_sigma[len(sigmas) // 2][0], p[nearest], per_sigma[len(sigmas) // 2][1][keep][nearest], "theta")
+    crossed = caustics(
+        per_sigma[len(sigmas) // 2][0], p[nearest], per_sigma[len(sigmas) // 2][1][keep][nearest], "theta"
+    )
     even = (np.arange(NODES) < NODES - RING)[keep]
     phase = middle.phase - 0.5 * np.pi * crossed
     return _stack(parts, radius, phase, trouble(middle, traced), even, half)
@@ -285,7 +288,7 @@ def _clearances(sequence: Sequence, traced: Traced) -> Array:
     return np.array(rows)
 
 
-def _stack(  # type: ignore[no-untyped-def]
+def _stack(
     parts: list, radius: float, phase: float, lost: dict[str, int], even: NDArray[np.bool_], half: float
 ) -> Rays:
     u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))

@@ -151,10 +151,14 @@ def find_paths(
     input_power, nominal_power = float(np.sum(first[4])), float(np.sum(first[4] * first[2]))
     paths, lengths, counts, arrived, powers, _, _, overflow = search(max_order, max_splits, min_power * input_power)
     if overflow:
-        raise MethodLimitError("path search", f"{MAX_PATHS} paths or {MAX_DEPTH} surfaces", 1.0, "raise min_power or lower max_order")
+        raise MethodLimitError(
+            "path search", f"{MAX_PATHS} paths or {MAX_DEPTH} surfaces", 1.0, "raise min_power or lower max_order"
+        )
     found: list[tuple[tuple[float, ...], Path]] = []
     for row, length, count, probe, power in zip(paths, lengths, counts, arrived, powers, strict=True):
-        steps: list[Step] = [(surfaces[s // 2].name, "reflect" if s % 2 == REFLECT else "transmit") for s in row[:length]]
+        steps: list[Step] = [
+            (surfaces[s // 2].name, "reflect" if s % 2 == REFLECT else "transmit") for s in row[:length]
+        ]
         path = replace(make_path(system, steps), estimate=float(power * count / nominal_power), probe=int(probe))
         key = (path.order, *path.arms) if path.order == 0 else (path.order, -power * count)
         found.append((key, path))
@@ -168,7 +172,10 @@ def find_paths(
 
 def _bounds(system: OpticalSystem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Surfaces that bound each space, as compressed rows (members, start)."""
-    rows = [[i for i, s in enumerate(system.surfaces) if space in (s.before, s.after)] for space in range(len(system.spaces))]
+    rows = [
+        [i for i, s in enumerate(system.surfaces) if space in (s.before, s.after)]
+        for space in range(len(system.spaces))
+    ]
     start = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64)
     return np.array([i for row in rows for i in row], dtype=np.int64), start
 

@@ -39,9 +39,11 @@ class Sequence:
 
     def upto(self, count: int) -> Sequence:
         """The first ``count`` surfaces of the sequence."""
-        arrays = [getattr(self, name)[:count] for name in
-                  ("rot", "shift", "curvature", "conic", "n1", "n2", "mode", "weight", "bare", "aperture")]  # fmt: skip
-        return Sequence(*arrays, self.phase, self.names[:count], self.back_off)
+        return Sequence(
+            self.rot[:count], self.shift[:count], self.curvature[:count], self.conic[:count], self.n1[:count],
+            self.n2[:count], self.mode[:count], self.weight[:count], self.bare[:count], self.aperture[:count],
+            self.phase, self.names[:count], self.back_off,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequenc
     for name, act in steps:
         surface = system.surfaces[system.number[name]]
         if space not in (surface.before, surface.after):
-            raise InputError("path", name, str(path), f"is not reached from space {system.spaces[space]!r}: media do not join",
+            raise InputError("path", name, str(path), f"is not reached from {system.spaces[space]!r} (media do not join)",
                              "give the steps in the order in which light meets them")  # fmt: skip
         other = surface.after if space == surface.before else surface.before
         rot.append(surface.rotation @ axes.T)
@@ -153,7 +155,7 @@ def trouble(sequence: Sequence, traced: Traced) -> dict[str, int]:
 
 
 def jacobian(sequence: Sequence, p: Array, theta: Array, step: float, of: str = "theta") -> tuple[Array, Array]:
-    """∂(x, q)/∂theta (or ∂/∂p) by central differences: two (N, 2, 2) arrays [output, input]; step in the input's unit."""
+    """∂(x, q)/∂theta (or ∂/∂p), two (N, 2, 2) arrays [output, input], by central differences of ``step``."""
     columns = []
     for axis in range(2):
         delta = np.zeros(2)
@@ -172,7 +174,9 @@ THETA_STEP = 2e-5
 AIM_TOLERANCE = 1e-10
 
 
-def aim(sequence: Sequence, p: Array, target: Array, start: Array, iterations: int = 12) -> tuple[Array, NDArray[np.bool_]]:
+def aim(
+    sequence: Sequence, p: Array, target: Array, start: Array, iterations: int = 12
+) -> tuple[Array, NDArray[np.bool_]]:
     """Directions with which rays from pupil points ``p`` (N, 2) end on the detector point ``target`` (2,), by Newton.
 
     start : (2,) or (N, 2) first guess. Returns theta (N, 2) and a mask of the rays that converged.
@@ -234,7 +238,7 @@ def caustics(sequence: Sequence, p: Array, theta: Array, vary: str) -> int:
     steps = np.array([[0, 0], [step, 0], [0, step]])
     fixed = np.zeros_like(steps)
     points = history(sequence, p + (steps if vary == "p" else fixed), theta + (steps if vary == "theta" else fixed))
-    # Planes make no caustic; before the first curved surface the only zero is the (imaged) pupil that was launched from.
+    # Planes make no caustic; before the first curved surface the only zero is the pupil that was launched from.
     powered = np.flatnonzero(sequence.curvature)
     first = powered[0] + 1 if len(powered) else len(points) - 1
     along = np.diff(points, axis=0)[first:]
