@@ -37,21 +37,32 @@ PRINTED: dict[str, Printed] = {
     "SWIR2": Printed((0.037, 0.002), (0.003, 0.006), 0.0324),
 }
 
-#: Why a reconstruction of the instrument need not land on the printed figures; a caller may pass its own sentence.
-WHY: dict[str, str] = {
-    "VIS": (
-        "The paper adds ghost powers without interference, while the arm pairs of one ghost share the mirrors and the "
-        "detector's retro-ghost, where it refocuses, keeps half of its power in the mean and no fringe at the nominal "
-        "frequency; the paper states neither gas, filter nor OPD for VIS, so a 450/5 nm filter at 20 µm stands in, "
-        "and the lenses are not the paper's."
-    ),
-    "NIR": (
-        "The paper adds ghost powers without interference and keeps ghost–nominal pairs only, while ghost–ghost pairs "
-        "lower the mean of the detector's retro-ghost and give the bandpass filter's face a parasitic modulation "
-        "opposite to the nominal one, −(R/2)(1 − J); how far it opposes depends on the filter's distance from the "
-        "detector, which the paper does not state."
-    ),
+_OFFSET = (
+    "Ours is larger in the incoherent book-keeping since every anti-reflection face of plates and cube inside an arm "
+    "is met on the way to the mirror and back and adds R/2 (0.25 %) each time, the detector ρτ²/2 and the filter's "
+    "face R/2 (together above 4 % with the paper's coatings), and lens faces the rest; added coherently, the arm pairs "
+    "of the refocused detector ghost keep half of that mean, ρτ²/4."
+)
+_FACE = (
+    "Ours is negative since the filter face's ghosts, which share both arms, interfere with each other: M*/M = "
+    "−(R/2)(1 − J), ghost–ghost pairs that the paper drops as negligible; J falls with the face's distance from the "
+    "detector, which is {} mm in the reference instrument by its own focus and not public for the paper's{}."
+)
+_RATIO = (
+    "Ours follows from the two rows above by the exact ratio 1 − (1 + M*/M)/(1 + O/B), as the printed one does: a "
+    "larger baseline offset and a modulation that falls both add to it."
+)
+_STAND_IN = (
+    "; the paper states neither gas, filter nor path difference for VIS, so that a 450/5 nm filter at 20 µm stands in"
+)
+
+#: Why a reconstruction of the instrument need not land on the printed figures: one sentence for each of ROWS.
+WHY_ROWS: dict[str, dict[str, str]] = {
+    band: dict(zip(ROWS, (_OFFSET, _FACE.format(distance, note), _RATIO), strict=True))
+    for band, distance, note in (("VIS", "2.0", _STAND_IN), ("NIR", "3.4", ""))
 }
+#: The same, one text for a band; a caller may pass its own.
+WHY: dict[str, str] = {band: " ".join(rows.values()) for band, rows in WHY_ROWS.items()}
 
 
 def table1(band: str, fields: Sequence[Retrieval], why: str | None = None) -> dict[str, Any]:
@@ -59,7 +70,8 @@ def table1(band: str, fields: Sequence[Retrieval], why: str | None = None) -> di
 
     ``{row: {"mean", "spread", "error"}}`` for the three rows in the coherent book-keeping; ``"paper_bookkeeping"`` with
     the same three; ``"nma_error_linear"`` (Eq. 1) beside each; ``"nominal"`` M, B and NMA; ``"fields"``, ``"printed"``
-    (None for a band that the paper does not have) and ``"why"``. ``error`` is the largest error bar of any field.
+    (None for a band that the paper does not have), ``"why"`` and, by row, ``"why_rows"`` (None where the caller gave
+    its own text). ``error`` is the largest error bar of any field.
     Sign of the NMA error: positive when the NMA falls.
 
     Raises InputError without a field, and for a printed band without a sentence on why the figures differ.
@@ -83,6 +95,7 @@ def table1(band: str, fields: Sequence[Retrieval], why: str | None = None) -> di
         "fields": len(fields),
         "printed": None if printed is None else _printed(printed),
         "why": sentence,
+        "why_rows": WHY_ROWS.get(band) if why is None else None,
     }
 
 

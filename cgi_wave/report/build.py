@@ -163,12 +163,14 @@ def _pictures(band: BandResult, provenance: Mapping[str, Any], folder: Path) -> 
     field = band.fields[0]
     drawn = [
         ("psi", "The interferogram and what ghosts add to it, at the first field point.",
-         plots.figure(plot_psi, field.psi, (8.0, 4.5))),
+         plots.figure(plot_psi, field.psi, (8.0, 5.0))),
         ("contrast", "Overlap contrast of every ghost against Eq. 4; the bars are error bounds.",
-         plots.figure(plots.plot_contrast, band.ghosts, (5.2, 4.6))),
-        ("spots", "Where the rays of the nominal beam and of the strongest ghosts land.",
+         plots.figure(plots.plot_contrast, band.ghosts, (6.4, 4.8))),
+        ("spots", "Irradiance of the nominal beam and of the strongest ghosts of one point source, all on one scale "
+         "of length about the nominal image point; power is relative to the nominal beam of arm 1, rays are blurred.",
          plots.grid(plots.plot_irradiance, field.spots)),
-        ("psfs", "Point spread functions of the nominal beam and of the strongest ghosts, each below its own peak.",
+        ("psfs", "Point spread functions of the same beams, each on a window of its own and below its own peak; "
+         "“geometric” marks rays in the place of a wavefront too steep for the picture’s transform.",
          plots.grid(plots.plot_psf, field.psfs)),
     ]  # fmt: skip
     pictures = []

@@ -28,8 +28,9 @@ def layout(system: OpticalSystem) -> list[dict[str, Any]]:
     """Views for ``plots.plot_layout``: profiles of all surfaces, and fans of nominal rays of both arms.
 
     The first view is along the world axis in which the vertices spread least; a second, along the next, follows unless
-    the instrument is flat. Rays that an aperture stops are not drawn. A surface closer than ``NEAR`` to one already
-    named is drawn without its name. Raises EmptyBeamError if no nominal path reaches the detector.
+    the instrument is flat. Rays that an aperture stops are not drawn. Surfaces of one element share a name; an element
+    closer than ``NEAR`` to those already named is drawn without it. Raises EmptyBeamError if no nominal path reaches
+    the detector.
     """
     spread = np.ptp([surface.origin for surface in system.surfaces], axis=0)
     first, second, third = (int(axis) for axis in np.argsort(-spread, kind="stable"))
@@ -43,12 +44,8 @@ def _view(system: OpticalSystem, plane: tuple[int, int], across: int) -> dict[st
     """One view along the world axis ``across``."""
     profiles = [_profile(surface, across)[:, plane] for surface in system.surfaces]
     near = NEAR * float(np.ptp(np.concatenate(profiles), axis=0).max())
-    named: list[Array] = []
-    surfaces = []
-    for surface, points in zip(system.surfaces, profiles, strict=True):
-        free = all(np.hypot(*(points[-1] - other)) > near for other in named)
-        named += [points[-1]] if free else []
-        surfaces.append({"name": surface.name if free else "", "points_m": points})
+    surfaces: list[dict[str, Any]] = [{"name": "", "points_m": points} for points in profiles]
+    _put_names(surfaces, elements([surface.name for surface in system.surfaces]), near)
     return {
         "title": f"{system.band}, seen along {'xyz'[across]}",
         "axes": tuple("xyz"[axis] for axis in plane),
@@ -59,6 +56,27 @@ def _view(system: OpticalSystem, plane: tuple[int, int], across: int) -> dict[st
             for points in _fan(system, system.field_points()[index])
         ],
     }
+
+
+def elements(names: list[str]) -> list[str]:
+    """What each surface belongs to: its name up to the last "_" if another surface has the same beginning."""
+    beginnings = [name.rpartition("_")[0] for name in names]
+    return [part if part and beginnings.count(part) > 1 else name for name, part in zip(names, beginnings, strict=True)]
+
+
+def _put_names(surfaces: list[dict[str, Any]], names: list[str], near: float) -> None:
+    """Name each element once, at that end of one of its profiles which is furthest from the names there are."""
+    named: list[Array] = []
+    for name in dict.fromkeys(names):
+        own = [surface for surface, other in zip(surfaces, names, strict=True) if other == name]
+        ends = [(surface, surface["points_m"][end]) for surface in own for end in (-1, 0)]
+        room = [min((float(np.hypot(*(at - other))) for other in named), default=np.inf) for _, at in ends]
+        best = int(np.argmax(room))
+        if room[best] > near:
+            surface, at = ends[best]
+            outward = at - surface["points_m"].mean(axis=0)
+            surface |= {"name": name, "name_at_m": at, "outward": outward / max(float(np.hypot(*outward)), 1e-12)}
+            named.append(at)
 
 
 def _profile(surface: Surface, across: int, count: int = 31) -> Array:

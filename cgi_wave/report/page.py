@@ -43,11 +43,11 @@ GHOST_COLUMNS = (
     Column("contrast_eq4", "contrast, Eq. 4"),
     Column("contrast", "contrast |γ|"),
     Column("contrast_error", "error bound of |γ|", form=".1e"),
-    Column("method", "method", form="s"),
-    Column("contrast_uniform", "contrast, uniform scene"),
-    Column("contrast_uniform_error", "its error bound", form=".1e"),
+    Column("contrast_uniform", "contrast |J|, uniform scene"),
+    Column("contrast_uniform_error", "error bound of |J|", form=".1e"),
     Column("opd_m", "OPD / mm", 1e3, ".6g"),
     Column("fringes", "fringes in zone"),
+    Column("method", "method of |γ|", form="s"),
 )
 
 
@@ -80,8 +80,9 @@ def render(document: Mapping[str, Any]) -> str:
 
         * ``name``, ``about`` (one sentence)
         * ``table1``: the result of ``budget.table1``: ``TABLE1_ROWS`` there and in its ``paper_bookkeeping`` and
-          ``printed`` (or None), each {``mean``, ``spread``, ``error``}; ``fields``, how many; ``why``, text or None
-        * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``, and ``path``, shown when the pointer rests on a label
+          ``printed`` (or None), each {``mean``, ``spread``, ``error``}; ``fields``, how many; ``why``, text or None;
+          ``why_rows``, a sentence per printed row, or None
+        * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``, and ``path``, which unfolds under the label
         * ``pictures``: list of {``file``, ``caption``}
         * ``plan``: text shown as it stands, or ""
     """

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 COLOURS = ("#1b5e9b", "#c2571a", "#4b7f34", "#7a4a92")
 """By order of the ghost, nominal beams first; chosen to stay apart in grey and for the colour-blind."""
 
-TITLE_WIDTH = 36
+TITLE_WIDTH = 40
 """Letters of a title in one line above a small picture."""
 
 PSF_DECADES = 6
@@ -64,35 +64,38 @@ def plot_contrast(ghosts: Sequence[Mapping[str, Any]], ax: Axes | None = None) -
 
 
 def plot_irradiance(spot: Mapping[str, Any], ax: Axes | None = None) -> Axes:
-    """Where the rays of one beam land on the detector, linear scale from zero.
+    """Irradiance of one beam on the detector, linear scale from zero, in shares of the nominal beam's power per mm².
 
-    spot : ``label``, ``x_m`` (Nx + 1,) and ``y_m`` (Ny + 1,) bin edges in m, ``irradiance`` (Ny, Nx) ≥ 0, normalised
-    as the caller likes and said so in ``unit``.
+    spot : ``label``, ``x_m`` (Nx + 1,) and ``y_m`` (Ny + 1,) bin edges in m, ``irradiance`` (Ny, Nx) ≥ 0 in 1/m²,
+    ``power`` (its integral) and ``rms_x_m``, ``rms_y_m``.
     """
     ax = _axes(ax, (3.4, 3.0))
     x, y = np.asarray(spot["x_m"]) * 1e3, np.asarray(spot["y_m"]) * 1e3
-    mesh = ax.pcolormesh(x, y, spot["irradiance"], cmap="magma", vmin=0.0, rasterized=True)
-    ax.figure.colorbar(mesh, ax=ax, label=spot["unit"])
-    _square(ax, spot["label"], "mm")
+    mesh = ax.pcolormesh(x, y, np.asarray(spot["irradiance"]) * 1e-6, cmap="magma", vmin=0.0, rasterized=True)
+    ax.figure.colorbar(mesh, ax=ax, label="power / nominal, per mm²")
+    rms = " × ".join(f"{spot[key] * 1e6:.3g}" for key in ("rms_x_m", "rms_y_m"))
+    _square(ax, f"{_wrap(spot['label'])}\npower {spot['power']:.3g}, RMS {rms} µm", "mm")
     return ax
 
 
 def plot_psf(psf: Mapping[str, Any], ax: Axes | None = None) -> Axes:
-    """Point spread function on a logarithmic grey scale of ``PSF_DECADES`` decades below its peak.
+    """Point spread function on a logarithmic scale of ``PSF_DECADES`` decades below its peak.
 
-    psf : ``label``, ``x_m`` (Nx,) and ``y_m`` (Ny,) uniform sample positions in m, ``psf`` (Ny, Nx) ≥ 0.
+    psf : ``label``, ``x_m`` (Nx,) and ``y_m`` (Ny,) uniform sample positions in m, ``psf`` (Ny, Nx) ≥ 0, ``method``,
+    and ``share``, the part of the beam's power in the window (None for the rays of a "geometric" picture).
     """
     from matplotlib.colors import LogNorm
 
     ax = _axes(ax, (3.4, 3.0))
     values = np.asarray(psf["psf"])
     peak = float(values.max())
-    x, y = np.asarray(psf["x_m"]) * 1e6, np.asarray(psf["y_m"]) * 1e6
+    extent = (*_edges(np.asarray(psf["x_m"]) * 1e6), *_edges(np.asarray(psf["y_m"]) * 1e6))
     norm = LogNorm(vmin=10.0**-PSF_DECADES, vmax=1.0, clip=True)
-    mesh = ax.pcolormesh(x, y, values / peak if peak > 0 else values, cmap="magma", norm=norm, shading="nearest")
-    mesh.set_rasterized(True)
-    ax.figure.colorbar(mesh, ax=ax, label="PSF / peak")
-    _square(ax, psf["label"], "µm")
+    values = values / peak if peak > 0 else values
+    image = ax.imshow(values, cmap="magma", norm=norm, origin="lower", extent=extent)
+    ax.figure.colorbar(image, ax=ax, label="irradiance / its peak")
+    about = psf["method"].split(" ")[0] if psf["share"] is None else f"{psf['share']:.1%} of its power in the window"
+    _square(ax, f"{_wrap(psf['label'])}\n{about}", "µm")
     return ax
 
 
@@ -100,8 +103,9 @@ def plot_layout(layout: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     """One view of the instrument with rays.
 
     layout : a view of ``report.layout``: ``title``; ``axes``, the names of the two coordinates shown; ``surfaces``, a
-    list of {``name`` or "", ``points_m`` (P, 2)}, each a profile; ``rays``, a list of {``points_m`` (V, 2), ``group``},
-    each a polyline, coloured by its group (field point or arm).
+    list of {``name`` or "", ``points_m`` (P, 2)}, each a profile, with ``name_at_m`` (2,) and ``outward`` (2,) where it
+    has a name: the point it stands at, and the unit vector in which it leaves it; ``rays``, a list of {``points_m``
+    (V, 2), ``group``}, each a polyline, coloured by its group (field point or arm).
     """
     ax = _axes(ax, (11.0, 5.0))
     for ray in layout["rays"]:
@@ -110,7 +114,9 @@ def plot_layout(layout: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     for surface in layout["surfaces"]:
         points = np.asarray(surface["points_m"]) * 1e3
         ax.plot(points[:, 0], points[:, 1], color="black", linewidth=1.1)
-        ax.annotate(surface["name"], points[-1], fontsize=6, rotation=40, xytext=(1, 1), textcoords="offset points")
+    for surface in layout["surfaces"]:
+        if surface["name"]:
+            _name(ax, surface["name"], np.asarray(surface["name_at_m"]) * 1e3, np.asarray(surface["outward"]))
     ax.set_aspect("equal")
     ax.set_xlabel(f"{layout['axes'][0]} / mm")
     ax.set_ylabel(f"{layout['axes'][1]} / mm")
@@ -156,4 +162,24 @@ def _square(ax: Axes, title: str, unit: str) -> None:
     ax.set_aspect("equal")
     ax.set_xlabel(f"x / {unit}")
     ax.set_ylabel(f"y / {unit}")
-    ax.set_title(textwrap.fill(title, TITLE_WIDTH), fontsize=8)
+    ax.set_title(title, fontsize=8)
+
+
+def _wrap(label: str) -> str:
+    return textwrap.fill(label, TITLE_WIDTH)
+
+
+def _edges(samples: np.ndarray) -> tuple[float, float]:
+    """Outer edges of the pixels around uniform samples."""
+    half = 0.5 * (samples[1] - samples[0])
+    return float(samples[0] - half), float(samples[-1] + half)
+
+
+def _name(ax: Axes, name: str, at: np.ndarray, outward: np.ndarray) -> None:
+    """A name beside a point, on its outward side."""
+    from matplotlib.patheffects import withStroke
+
+    words = ax.annotate(name, at, fontsize=7, xytext=4 * outward, textcoords="offset points",
+                        ha=("right", "center", "left")[round(outward[0]) + 1],
+                        va=("top", "center", "bottom")[round(outward[1]) + 1])  # fmt: skip
+    words.set_path_effects([withStroke(linewidth=2, foreground="white")])

@@ -33,7 +33,7 @@ GHOST = {
 LAYOUT = {
     "title": "A mirror",
     "axes": ("z", "y"),
-    "surfaces": [{"name": "M", "points_m": [[0, 0], [0, 1]]}],
+    "surfaces": [{"name": "M", "points_m": [[0, 0], [0, 1]], "name_at_m": [0, 1], "outward": [0.0, 1.0]}],
     "rays": [],
 }
 
@@ -58,8 +58,8 @@ def made_up_field(index):
         y_m=1e-3 * index,
         psi=psi,
         retrieval=retrieve(psi),
-        spots=[picture | {"unit": "1/mm²", "irradiance": [[1.0]]}],
-        psfs=[picture | {"psf": [[1.0, 0.5], [0.1, 0.0]]}],
+        spots=[picture | {"irradiance": [[1.0]], "power": 1.0, "rms_x_m": 1e-6, "rms_y_m": 1e-6}],
+        psfs=[picture | {"psf": [[1.0, 0.5], [0.1, 0.0]], "share": 0.9, "method": "padded FFT"}],
     )
 
 

@@ -49,6 +49,18 @@ def test_profiles_pass_through_their_vertices_and_span_their_apertures(system, v
 def test_names_do_not_crowd(views):
     for view in views:
         points = np.concatenate([surface["points_m"] for surface in view["surfaces"]])
-        ends = np.array([surface["points_m"][-1] for surface in view["surfaces"] if surface["name"]])
+        ends = np.array([surface["name_at_m"] for surface in view["surfaces"] if surface["name"]])
         apart = np.hypot(*(ends[:, None] - ends[None]).transpose(2, 0, 1)) + np.eye(len(ends))
-        assert len(ends) > 5 and apart.min() > layout.NEAR * np.ptp(points, axis=0).max()
+        assert len(ends) > 8 and apart.min() > layout.NEAR * np.ptp(points, axis=0).max()
+
+
+def test_an_element_is_named_once_and_at_an_end_of_it():
+    names = ["L1_front", "L1_back", "stop", "relay_septum"]
+    assert layout.elements(names) == ["L1", "L1", "stop", "relay_septum"]
+    surfaces = [{"name": "", "points_m": np.array([[z, -0.1], [z, 0.1]])} for z in (0.0, 0.01, 0.02, 0.5)]
+    layout._put_names(surfaces, layout.elements(names), near=0.05)
+    assert [surface["name"] for surface in surfaces] == ["L1", "", "stop", "relay_septum"]
+    np.testing.assert_allclose(surfaces[0]["name_at_m"], [0.0, 0.1])
+    # The stop stands too near L1 to share its side.
+    np.testing.assert_allclose(surfaces[2]["name_at_m"], [0.02, -0.1])
+    np.testing.assert_allclose(surfaces[2]["outward"], [0.0, -1.0])
