@@ -252,7 +252,8 @@ def pair_ranges(
         near = sheet.covers(points)
         group[b, near], phase[b, near] = sheet.group_at(points[near]), sheet.opl_at(points[near])
     low, high = np.empty((len(sheets),) * 2), np.empty((len(sheets),) * 2)
-    least, most = np.nanmin(group, axis=1), np.nanmax(group, axis=1)
+    own = [sheet.group_at(sheet.p) for sheet in sheets]
+    least, most = np.array([values.min() for values in own]), np.array([values.max() for values in own])
     for m in range(len(sheets)):
         difference = group[m] - group
         shared = np.isfinite(difference).any(axis=1)

@@ -179,7 +179,8 @@ def _name(ax: Axes, name: str, at: np.ndarray, outward: np.ndarray) -> None:
     """A name beside a point, on its outward side."""
     from matplotlib.patheffects import withStroke
 
-    words = ax.annotate(name, at, fontsize=7, xytext=4 * outward, textcoords="offset points",
-                        ha=("right", "center", "left")[round(outward[0]) + 1],
-                        va=("top", "center", "bottom")[round(outward[1]) + 1])  # fmt: skip
+    x, y = (float(part) for part in outward)
+    words = ax.annotate(name, (float(at[0]), float(at[1])), fontsize=7, xytext=(4 * x, 4 * y), textcoords="offset points",
+                        ha=("right", "center", "left")[round(x) + 1],
+                        va=("top", "center", "bottom")[round(y) + 1])  # fmt: skip
     words.set_path_effects([withStroke(linewidth=2, foreground="white")])
