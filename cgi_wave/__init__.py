@@ -1,3 +1,67 @@
-"""Ghosts, pupil fields, overlap contrast and interferograms of imaging static Fourier-transform spectrometers."""
+"""Ghosts, pupil fields, overlap contrast and interferograms of imaging static Fourier-transform spectrometers.
+
+The public names below come from the modules beside them, loaded at first use: ``import cgi_wave`` itself costs nothing.
+"""
+
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
+
+#: Public name: the module that holds it.
+_HOME = {
+    # the instrument
+    "load_instrument": "optics.system",
+    # paths, rays, spots
+    "find_paths": "rays.paths",
+    "parse_path": "rays.paths",
+    "nominal_direction": "rays.beams",
+    "rays_from_direction": "rays.beams",
+    "rays_to_point": "rays.beams",
+    "spot": "rays.beams",
+    # pupil fields, contrasts, PSFs
+    "contrast_eq4": "wave.eq4",
+    "fit_field": "wave.field",
+    "overlap": "wave.overlap",
+    "overlap_spectrum": "wave.overlap",
+    "psf": "wave.psf",
+    # spectra
+    "Filter": "scene.filters",
+    "coherence": "scene.coherence",
+    "load_spectrum": "scene.spectrum_file",
+    "toa_radiance": "scene.radiance",
+    # interferograms, M, B and NMA
+    "plot_psi": "fringes.plots",
+    "retrieve": "fringes.nma",
+    "synthesise": "fringes.psi",
+    # one field point, one band
+    "field_point": "budget.fieldpoint",
+    "ghost_rows": "budget.ghosts",
+    "point_source": "budget.pointsource",
+    "select_ghosts": "budget.select",
+    "table1": "budget.table1",
+    # the main job
+    "analyse": "analysis",
+    "analyse_band": "analysis",
+    "band_setting": "analysis",
+    "list_bands": "analysis",
+    "zone_rows": "analysis",
+    # pictures
+    "plot_contrast": "report.plots",
+    "plot_irradiance": "report.plots",
+    "plot_layout": "report.plots",
+    "plot_psf": "report.plots",
+}
+
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, from its module. Raises AttributeError for any other."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

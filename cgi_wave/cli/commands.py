@@ -126,14 +126,22 @@ def psi(band: str, tolerance: float, instrument: str | None, as_json: bool) -> N
 def plan(band: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
     """Show what is modelled for BAND at a tolerance.
 
-    Which pairs of beams, by which method, what is left out, and the bound of that.
+    Which pairs of beams, by which method, at what cost, what is left out, and the bound of that; at the zone's centre.
+    Contrasts are not computed.
     """
+    _check_tolerance(tolerance)
+    _check_bands([band], instrument)
     with _computing():
-        result, provenance = _analyse([band], instrument, tolerance)
-    text = str(result.bands[band].plan)
+        from cgi_wave import analysis
+
+        _, text = analysis.plan_band(band, instrument, tolerance, _progress)
     if as_json:
+        from cgi_wave.optics.system import load_instrument
         from cgi_wave.report import output
 
+        loaded = load_instrument(instrument)
+        options = {"band": band, "instrument": instrument, "tolerance": tolerance}
+        provenance = output.provenance(loaded.name, loaded.hash, options)
         click.echo(
             output.to_json({"band": band, "tolerance": tolerance, "plan": text.splitlines(), "provenance": provenance})
         )
@@ -174,9 +182,7 @@ COMMANDS = (run, ghosts, psi, plan, draw)
 
 def _analyse(bands: list[str], instrument: str | None, tolerance: float) -> tuple[Analysis, dict[str, Any]]:
     """The analysis and its provenance, after the checks that need no computation."""
-    if not 0.0 < tolerance < 1.0:  # also refuses NaN
-        remedy = f"give a number above 0 and below 1, such as {TOLERANCE:g}"
-        raise InputError("command line", "--tolerance", tolerance, "bounds nothing", remedy)
+    _check_tolerance(tolerance)
     bands = _check_bands(bands, instrument)
     from cgi_wave import analysis
     from cgi_wave.report import output
@@ -185,6 +191,12 @@ def _analyse(bands: list[str], instrument: str | None, tolerance: float) -> tupl
     options = {"bands": bands, "instrument": instrument, "tolerance": tolerance}
     made = output.provenance(result.instrument_name, result.instrument_hash, options)
     return result, made | result.provenance
+
+
+def _check_tolerance(tolerance: float) -> None:
+    if not 0.0 < tolerance < 1.0:  # also refuses NaN
+        remedy = f"give a number above 0 and below 1, such as {TOLERANCE:g}"
+        raise InputError("command line", "--tolerance", tolerance, "bounds nothing", remedy)
 
 
 def _check_bands(bands: Sequence[str], instrument: str | None) -> list[str]:

@@ -180,7 +180,13 @@ def _name(ax: Axes, name: str, at: np.ndarray, outward: np.ndarray) -> None:
     from matplotlib.patheffects import withStroke
 
     x, y = (float(part) for part in outward)
-    words = ax.annotate(name, (float(at[0]), float(at[1])), fontsize=7, xytext=(4 * x, 4 * y), textcoords="offset points",
-                        ha=("right", "center", "left")[round(x) + 1],
-                        va=("top", "center", "bottom")[round(y) + 1])  # fmt: skip
+    words = ax.annotate(
+        name,
+        (float(at[0]), float(at[1])),
+        fontsize=7,
+        xytext=(4 * x, 4 * y),
+        textcoords="offset points",
+        ha=("right", "center", "left")[round(x) + 1],
+        va=("top", "center", "bottom")[round(y) + 1],
+    )
     words.set_path_effects([withStroke(linewidth=2, foreground="white")])

@@ -97,7 +97,13 @@ def analysis(monkeypatch, fields):
         progress("field 1 of 2")
         return made_up_analysis(names, instrument, fields)
 
+    def plan_band(name, instrument, tolerance, progress):
+        print("chatter of a library")
+        progress("field 1 of 2")
+        return None, "kept 3, left out 0"
+
     module.analyse = analyse
+    module.plan_band = plan_band
     monkeypatch.setattr(commands, "_views", lambda band, instrument: [LAYOUT])
     monkeypatch.setitem(sys.modules, "cgi_wave.analysis", module)
     monkeypatch.setattr(cgi_wave, "analysis", module, raising=False)
