@@ -58,7 +58,9 @@ def test_contrast_of_a_bare_plates_ghost():
 
     want = radial(system, plate_path(0.05), lambda a: nominal(a) * fresnel(a) ** 2, nominal)
     even = radial(system, plate_path(0.05))
-    assert abs(value - want) < bound < 0.1 * abs(value - even)
+    assert abs(value - want) < bound
+    # Unpolarised reflectance hardly changes within 7°: the check can fail, but only by a little.
+    assert abs(value - want) < 1e-6 < 1e-5 < abs(value - even)
 
 
 @pytest.mark.parametrize("place", [0.5, -0.5, -1.5])
@@ -110,7 +112,7 @@ def sampled(paths, order, step, count):
 
 
 def test_power_of_the_field_is_the_power_of_the_rays(nir, paths):
-    """∫|Â|² d²q over directions = the spot's power times the pupil's area, for the nominal beam and ghosts of both orders.
+    """∫|Â|² d²q over directions = the spot's power times the pupil's area, for nominal and ghosts.
 
     A beam that the stop alone cuts agrees within the field's bound; where other apertures cut, counting rays errs by
     the rays along the edge.
@@ -150,7 +152,7 @@ def test_sum_over_rays_agrees_with_the_fitted_power(nir, paths):
     assert compared > 20
 
 
-# ------------------------------------------------------------------------------------------------ the ghost table's part
+# ------------------------------------------------------------------------------------------------ contrasts
 
 
 def test_contrasts_of_the_reference_instrument(nir, paths):
