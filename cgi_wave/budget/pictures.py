@@ -16,7 +16,7 @@ from cgi_wave.errors import CgiWaveError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.beams import Spot
 from cgi_wave.wave.field import PupilField
-from cgi_wave.wave.psf import Psf, psf
+from cgi_wave.wave.psf import Psf, fft_size, psf
 
 #: Pictures per band.
 SHOWN = 8
@@ -31,6 +31,10 @@ RINGS = 8.0
 FINEST = 0.3
 #: PSF points along one side: aimed at, computed at most, and shown at most (binned beyond).
 AIMED, MOST, SHARPEST = 256, 1024, 256
+#: Largest transform that a picture is worth, samples a side: the next size up takes seconds.
+LARGEST = 2048
+#: Side of the largest transform that is worth a picture (half a second; one of 8192 takes ten).
+LARGEST = 2048
 #: Share of the coarsest pixel that still samples a beam's cone.
 GUARD = 0.9
 
@@ -115,7 +119,7 @@ def _picture(label: str, field: Callable[[], PupilField], here: Spot, source: Po
 def beam_psf(field: PupilField, here: Spot) -> Psf:
     """PSF about the field's reference point, on a window that holds the rays of the spot and a few rings around them.
 
-    Raises MethodLimitError where that takes more than MOST points along a side, or more than the transform has.
+    Raises MethodLimitError where that takes more than MOST points along a side, or a transform above LARGEST.
     """
     sigma, scale = float(field.sigma[field.sigma.size // 2]), field.support.scale
     airy = 0.5 / (sigma * float(scale.max()))  # λ·F# of this beam's own cone
@@ -127,6 +131,14 @@ def beam_psf(field: PupilField, here: Spot) -> Psf:
         remedy = "look at its rays, or ask wave.psf.psf_direct for a patch"
         limit = f"{field.label}: a window with all its rays has {n} pixels a side (limit {MOST})"
         raise MethodLimitError("padded FFT", limit, n / MOST, remedy)
+    size = fft_size(field, pixel, n, sigma)
+    if size > LARGEST:
+        limit = f"{field.label}: its wavefront needs a transform of {size} (limit {LARGEST} for a picture)"
+        raise MethodLimitError("padded FFT", limit, size / LARGEST, "ask wave.psf.psf for a transform of that size")
+    size = fft_size(field, pixel, n, sigma)
+    if size > LARGEST:
+        limit = f"{field.label}: the wavefront needs a transform of {size} samples a side (limit for pictures {LARGEST})"
+        raise MethodLimitError("padded FFT", limit, size / LARGEST, "call wave.psf.psf for it, or look at its rays")
     return psf(field, pixel, n)
 
 
