@@ -38,10 +38,10 @@ PRINTED: dict[str, Printed] = {
 }
 
 _OFFSET = (
-    "Ours is larger in the incoherent book-keeping since every anti-reflection face of plates and cube inside an arm "
-    "is met on the way to the mirror and back and adds R/2 (0.25 %) each time, the detector ρτ²/2 and the filter's "
-    "face R/2 (together above 4 % with the paper's coatings), and lens faces the rest; added coherently, the arm pairs "
-    "of the refocused detector ghost keep half of that mean, ρτ²/4."
+    "Ours is larger since every anti-reflection face of plates and cube inside an arm is met on the way to the mirror "
+    "and back and adds R/2 (0.25 %) each time, the detector ρτ²/2 and the filter's face R/2 (together above 4 % with "
+    "the paper's coatings), and lens faces the rest; added coherently instead of by power, the arm pairs of the "
+    "refocused detector ghost keep half of its mean, ρτ²/4."
 )
 _FACE = (
     "Ours is negative since the filter face's ghosts, which share both arms, interfere with each other: M*/M = "

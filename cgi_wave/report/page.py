@@ -37,7 +37,7 @@ class Column:
 GHOST_COLUMNS = (
     Column("label", "ghost", form="s"),
     Column("order", "order", form="d"),
-    Column("transmission", "power / 10⁻⁶ of nominal", 1e6),
+    Column("transmission", "power / % of nominal", 1e2),
     Column("rms_x_m", "RMS x / µm", 1e6),
     Column("rms_y_m", "RMS y / µm", 1e6),
     Column("contrast_eq4", "contrast, Eq. 4"),

@@ -105,7 +105,7 @@ def read(html):
 def test_numbers_are_shown_in_the_unit_of_the_heading(read):
     cells = dict(zip(read.cells[-3 * WIDTH : -2 * WIDTH], read.cells[-2 * WIDTH : -WIDTH], strict=True))
     assert cells["ghost"] == GHOST["label"] + GHOST["path"]  # the path is folded away below the label
-    assert cells["power / 10⁻⁶ of nominal"] == "2.5e+03"
+    assert cells["power / % of nominal"] == "0.25"
     assert (cells["RMS x / µm"], cells["RMS y / µm"], cells["OPD / mm"]) == ("150", "250", "1.33")
     assert cells["contrast |γ|"] == "0.0123"
 
