@@ -20,7 +20,7 @@ NODES = 280
 #: Rays without which a beam is given up.
 FEWEST = 30
 #: Share of rays that must pass before a beam is sampled; below it the sampled disc is drawn in around those that do.
-FILLED = 0.35
+FILLED = 0.55
 #: Points at which clearances are compared, and the most by which one changes between two of them: an aperture is
 #: carried along if its clearance falls below this where all others are above minus this.
 COMPARED = 1500
@@ -189,10 +189,12 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         if inside.mean() >= FILLED:
             break
         centre, half = _bounding_disc(p[inside], half)
+    # Over a band the directions hardly change: the middle wavenumber's matrix serves the others.
+    matrix = jacobian(middle, p, theta, THETA_STEP)[0]
     per_sigma = []
     for sigma in sigmas:
         sequence = compile_sequence(system, path, float(sigma))
-        theta_s, ok_s = aim(sequence, p, x0, theta)
+        theta_s, ok_s = aim(sequence, p, x0, theta, matrix)
         per_sigma.append((sequence, theta_s, ok_s))
     # A ray whose neighbours fail has no Jacobian: it is left out at all wavenumbers.
     matrices = [jacobian(sequence, p, theta_s, THETA_STEP)[0] for sequence, theta_s, _ in per_sigma]

@@ -175,15 +175,17 @@ AIM_TOLERANCE = 1e-10
 
 
 def aim(
-    sequence: Sequence, p: Array, target: Array, start: Array, iterations: int = 12
+    sequence: Sequence, p: Array, target: Array, start: Array, matrix: Array | None = None, iterations: int = 12
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Directions with which rays from pupil points ``p`` (N, 2) end on the detector point ``target`` (2,), by Newton.
 
-    start : (2,) or (N, 2) first guess. Returns theta (N, 2) and a mask of the rays that converged.
+    start : (2,) or (N, 2) first guess; matrix (N, 2, 2): ∂x/∂theta where the guess is so good that it need not be
+    renewed. Returns theta (N, 2) and a mask of the rays that converged.
     """
     theta = np.array(np.broadcast_to(start, p.shape))
     todo = np.ones(len(p), dtype=bool)
-    matrix = np.empty((len(p), 2, 2))
+    renew = 3 if matrix is None else 0
+    matrix = np.empty((len(p), 2, 2)) if matrix is None else matrix
     for turn in range(iterations):
         where = np.flatnonzero(todo)
         if len(where) == 0:
@@ -193,7 +195,7 @@ def aim(
         good = now.valid & (np.hypot(miss[:, 0], miss[:, 1]) < 1.0)
         done = good & (np.abs(miss).max(axis=1) < AIM_TOLERANCE)
         todo[where[done]] = False
-        if turn < 3:
+        if turn < renew:
             # The map from theta to x is nearly linear: its matrix is renewed only while the steps are large.
             matrix[where] = jacobian(sequence, p[where], theta[where], THETA_STEP)[0]
         move = where[good & ~done]
