@@ -33,8 +33,6 @@ FINEST = 0.3
 AIMED, MOST, SHARPEST = 256, 1024, 256
 #: Largest transform that a picture is worth, samples a side: the next size up takes seconds.
 LARGEST = 2048
-#: Side of the largest transform that is worth a picture (half a second; one of 8192 takes ten).
-LARGEST = 2048
 #: Share of the coarsest pixel that still samples a beam's cone.
 GUARD = 0.9
 
@@ -135,10 +133,6 @@ def beam_psf(field: PupilField, here: Spot) -> Psf:
     if size > LARGEST:
         limit = f"{field.label}: its wavefront needs a transform of {size} (limit {LARGEST} for a picture)"
         raise MethodLimitError("padded FFT", limit, size / LARGEST, "ask wave.psf.psf for a transform of that size")
-    size = fft_size(field, pixel, n, sigma)
-    if size > LARGEST:
-        limit = f"{field.label}: the wavefront needs a transform of {size} samples a side (limit for pictures {LARGEST})"
-        raise MethodLimitError("padded FFT", limit, size / LARGEST, "call wave.psf.psf for it, or look at its rays")
     return psf(field, pixel, n)
 
 

@@ -87,8 +87,8 @@ def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequenc
     for name, act in steps:
         surface = system.surfaces[system.number[name]]
         if space not in (surface.before, surface.after):
-            raise InputError("path", name, str(path), f"is not reached from {system.spaces[space]!r} (media do not join)",
-                             "give the steps in the order in which light meets them")  # fmt: skip
+            problem = f"is not reached from {system.spaces[space]!r} (media do not join)"
+            raise InputError("path", name, str(path), problem, "give the steps in the order in which light meets them")
         other = surface.after if space == surface.before else surface.before
         rot.append(surface.rotation @ axes.T)
         shift.append(axes @ (surface.origin - origin))
