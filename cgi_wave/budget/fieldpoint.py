@@ -132,9 +132,10 @@ def trace_beams(
     sheets = tuple(rays.sheet(sigma) for rays in traced)
     group = families(kept)
     weight = sums[:, 0] / (nma * sums[0, 0])
-    low, high, gamma = pair_ranges(sheets, system.sigma0, weight, envelope, tolerance)
+    low, high, gamma, slope = pair_ranges(sheets, system.sigma0, weight, envelope, tolerance)
+    frequency = slope / slope[0, 1] if slope[0, 1] != 0.0 else None
     labels = tuple(path.label for path in kept)
-    plan = plan_pairs(labels, sums[:, 0], group, low, high, gamma, envelope, nma, tolerance, cross_family)
+    plan = plan_pairs(labels, sums[:, 0], group, low, high, gamma, envelope, nma, tolerance, cross_family, frequency)
     return Beams(theta, tuple(kept), tuple(traced), sheets, sums, plan, tuple(empty))
 
 
@@ -236,22 +237,24 @@ def _pairs(
 
 def pair_ranges(
     sheets: Sequence[Sheet], sigma0: float, weight: Array, envelope: Callable[[Array, Array], Array], tolerance: float
-) -> tuple[Array, Array, Array]:
-    """Range of the group OPD of every pair over the pupil points that both feed, an estimate of its |γ|; (B, B) each.
+) -> tuple[Array, Array, Array, Array]:
+    """Range of every pair's group OPD over the pupil points that both feed, its |γ|, its dOPD/dy; (B, B) each.
 
     weight (B,): power over nominal power and NMA, so that √(weight_m weight_l)·|G| bounds what a pair adds to M. Pairs
     for which that is far below the tolerance keep |γ| ≤ 1, for the others see ``stationary_phase``.
-    Pairs that share no point get the whole range of both, and 1.
+    Pairs that share no point get the whole range of both, |γ| ≤ 1, and a slope of NaN.
     """
     lo = np.min([sheet.p.min(axis=0) for sheet in sheets], axis=0)
     hi = np.max([sheet.p.max(axis=0) for sheet in sheets], axis=0)
     points = 0.5 * (lo + hi) + 0.5 * (hi - lo) * disc(COMMON_POINTS)
     group = np.full((len(sheets), len(points)), np.nan)
-    phase = np.full_like(group, np.nan)
+    phase, tilt = np.full_like(group, np.nan), np.full_like(group, np.nan)
     for b, sheet in enumerate(sheets):
         near = sheet.covers(points)
         group[b, near], phase[b, near] = sheet.group_at(points[near]), sheet.opl_at(points[near])
+        tilt[b, near] = sheet.y_at(points[near])
     low, high = np.empty((len(sheets),) * 2), np.empty((len(sheets),) * 2)
+    slope = np.full_like(low, np.nan)
     own = [sheet.group_at(sheet.p) for sheet in sheets]
     least, most = np.array([values.min() for values in own]), np.array([values.max() for values in own])
     for m in range(len(sheets)):
@@ -260,11 +263,12 @@ def pair_ranges(
         filled = np.where(shared[:, None], difference, 0.0)
         low[m] = np.where(shared, np.nanmin(filled, axis=1), least[m] - most) - OPD_MARGIN
         high[m] = np.where(shared, np.nanmax(filled, axis=1), most[m] - least) + OPD_MARGIN
+        slope[m, shared] = np.nanmean((tilt[m] - tilt)[shared], axis=1)
     gamma = np.ones_like(low)
     bound = np.sqrt(np.outer(weight, weight)) * envelope(low, high)
     for m, l in zip(*np.nonzero(np.triu(bound > FAR_BELOW * tolerance, 1)), strict=True):  # noqa: E741
         gamma[m, l] = stationary_phase(points, (phase[m] - phase[l]) * sigma0)
-    return low, high, gamma
+    return low, high, gamma, slope
 
 
 def stationary_phase(points: Array, waves: Array) -> float:

@@ -104,6 +104,7 @@ def plan_pairs(
     nma: float,
     tolerance: float,
     cross_family: bool = True,
+    frequency: Array | None = None,
 ) -> PairPlan:
     """Decide which pairs are computed: those whose modulation bound exceeds ``tolerance``, and the nominal one always.
 
@@ -113,6 +114,7 @@ def plan_pairs(
     envelope : callable on arrays (opd_lo, opd_hi) → largest |G| between them, as
         :func:`cgi_wave.scene.coherence.coherence_envelope` returns it
     nma : expected nominal NMA (its smallest value over the zone keeps the bound a bound)
+    frequency : (B, B) fringe frequency of each pair relative to the nominal pair's, for what is left out
     cross_family : False leaves out pairs of ghosts of different families whatever their bound, which is reported
     Powers of the beams themselves are never left out here: they belong to the baseline in full.
 
@@ -138,7 +140,8 @@ def plan_pairs(
         skipped.append(pair)
         switched = "cross-family pairs switched off; " if pair.modulation > tolerance else ""
         reason = f"{switched}bound {pair.modulation:.2e} of M, tolerance {tolerance:g}"
-        left_out.append(LeftOut(m, l, pair.modulation, reason))
+        share = float("nan") if frequency is None else float(frequency[m, l])
+        left_out.append(LeftOut(m, l, pair.modulation, reason, share))
     kept.sort(key=lambda pair: -pair.modulation)
     skipped.sort(key=lambda pair: -pair.modulation)
     return PairPlan(

@@ -36,12 +36,16 @@ class Pair:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A pair that was not computed, with the bound of what it could add to the modulation (relative to M)."""
+    """A pair that was not computed, with the bound of what it could add to the modulation (relative to M).
+
+    frequency : of the pair's fringes along y, as a share of the nominal fringe frequency; NaN if it is not known
+    """
 
     m: int
     l: int  # noqa: E741
     bound: float
     reason: str
+    frequency: float = float("nan")
 
 
 @dataclass(frozen=True)

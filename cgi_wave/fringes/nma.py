@@ -222,7 +222,7 @@ def _fit_parasitic(
     m = projected / big_m.value
     # pairs left out are bounded relative to M; on the baseline the same amount of light weighs M/B times less
     o_error = (_error(inverse[0], error, scatter) + abs(o) * big_b.error) / big_b.value
-    o_error += book.left_out * big_m.value / big_b.value
+    o_error += book.left_out_baseline * big_m.value / big_b.value
     m_error = (_error(along, error, scatter) + abs(m) * big_m.error) / big_m.value + book.left_out
     exact_error = m_error / (1.0 + o) + (1.0 + m) / (1.0 + o) ** 2 * o_error
     return Parasitic(

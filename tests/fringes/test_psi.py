@@ -224,3 +224,20 @@ def test_refuses_doubled_and_missing_pairs():
         synthesise(coherency([0.25, 0.25], [0, 0], twice), sigma, ONE, ROWS)
     with pytest.raises(InputError, match="nominal pair"):
         synthesise(coherency([0.25, 0.25], [0, 0], [], [LeftOut(0, 1, 0.1, "")]), sigma, ONE, ROWS)
+
+
+def test_left_out_pairs_count_where_their_fringes_fall():
+    """Plain sums within two families, squares over families; a pair without fringes is the baseline's, not M's."""
+    t = (0.25, 0.25, 0.01, 0.01, 0.01, 0.01)
+    out = (
+        LeftOut(2, 3, 3e-5, "", frequency=1.0),
+        LeftOut(2, 4, 4e-5, "", frequency=0.0),
+        LeftOut(3, 4, 4e-5, "", frequency=0.1),
+        LeftOut(4, 5, 1e-5, ""),
+    )
+    made = coherency(t, (0, 0, 1, 1, 2, 3), [pair(0, 1, 1.0, 1e-4, SLOPE)], out)
+    whole = synthesise(made, np.array([SIGMA0]), ONE, ROWS).coherent
+    leak = 0.08
+    assert whole.left_out == pytest.approx(np.sqrt(3e-5**2 + (leak * 8e-5) ** 2 + 1e-5**2))
+    assert whole.left_out_baseline == pytest.approx(np.sqrt((leak * 3e-5) ** 2 + 8e-5**2 + 1e-5**2))
+    assert whole.left_out_bound == pytest.approx(12e-5)
