@@ -179,14 +179,14 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     guess = _linear_guess(middle, x0, start)
     radius = system.pupil_radius
     centre, half = np.zeros(2), radius * 1.03
-    for _ in range(4):
+    for last in (False, False, False, True):
         p = centre + half * disc(NODES)
         theta, ok = aim(middle, p, x0, guess(p))
         traced = trace(middle, p, theta)
         inside = ok & traced.passes & ((p**2).sum(axis=1) < radius**2)
         if not inside.any():
             raise EmptyBeamError(f"{path.label}: no ray reaches {x0 * 1e3} mm; {trouble(middle, traced)}")
-        if inside.mean() >= FILLED:
+        if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
         centre, half = _bounding_disc(p[inside], half)
     # Over a band the directions hardly change: the middle wavenumber's matrix serves the others.
@@ -228,13 +228,13 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
     middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
     radius = system.pupil_radius
     centre, half = np.zeros(2), radius * 1.03
-    for _ in range(4):
+    for last in (False, False, False, True):
         p = centre + half * disc(NODES)
         traced = trace(middle, p, theta)
         inside = traced.passes & ((p**2).sum(axis=1) < radius**2)
         if not inside.any():
             raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(middle, traced)}")
-        if inside.mean() >= FILLED:
+        if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
         centre, half = _bounding_disc(p[inside], half)
     even = (np.arange(NODES) < NODES - RING)[traced.valid]
