@@ -128,7 +128,8 @@ def _check_bands(document: InstrumentSpec, refuse) -> None:  # type: ignore[no-u
         low, high = min(band.wavelengths_nm), max(band.wavelengths_nm)
         if not low - 1e-9 <= band.filter.centre_nm <= high + 1e-9:
             problem = f"lies outside the band's spectrum {low} to {high} nm"
-            refuse(f"band.{name}.filter.centre_nm", band.filter.centre_nm, problem, "move it or extend wavelengths_nm")
+            remedy = "move the filter or extend wavelengths_nm"
+            refuse(f"band.{name}.filter.centre_nm", band.filter.centre_nm, problem, remedy)
 
 
 def check_geometry(document: InstrumentSpec, surfaces: tuple[Surface, ...], file: str) -> None:

@@ -244,7 +244,8 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
         sequence = compile_sequence(system, path, float(sigma))
         traced = trace(sequence, p, theta, footprints=True)
         _, by_p = jacobian(sequence, p, theta, 1e-3 * radius, of="p")
-        opl = traced.opl - (traced.direction * (traced.x - x0)).sum(axis=1)
+        # The incoming plane wave reaches pupil point p with the phase of p·θ.
+        opl = traced.opl + p @ theta - (traced.direction * (traced.x - x0)).sum(axis=1)
         amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(by_p)), 1e-300))
         parts.append((traced.direction, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))

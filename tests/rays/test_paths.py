@@ -127,7 +127,7 @@ def test_paths_survive_being_written_down(system):
     p, theta = probes(system, 40)
     for path in find_paths(system):
         again = parse_path(system, str(path))
-        assert replace(again, twin=path.twin, estimate=path.estimate) == path
+        assert replace(again, twin=path.twin, estimate=path.estimate, probe=path.probe) == path
         a, b = (trace(compile_sequence(system, which, system.sigma0), p, theta) for which in (path, again))
         for column in ("x", "direction", "opl", "power", "clearance", "status"):
             np.testing.assert_array_equal(getattr(a, column), getattr(b, column))

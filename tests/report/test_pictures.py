@@ -41,11 +41,6 @@ def moments(picture):
     return np.array(found).T
 
 
-# The path of a plane wave over a tilted entrance pupil is missing from the beam's phase: the wave lands f·θ away.
-wrong_phase = pytest.mark.xfail(strict=True, reason="direction-space phases lack p·θ of the incoming plane wave")
-
-
-@wrong_phase
 def test_nominal_psf_stands_on_the_spot_within_diffraction(source, psfs):
     picture = psfs[pictures.NOMINAL]
     centre, rms = moments(picture)
@@ -57,7 +52,6 @@ def test_nominal_psf_stands_on_the_spot_within_diffraction(source, psfs):
     assert 0.95 < picture["share"] < 1.0
 
 
-@wrong_phase
 @pytest.mark.parametrize("number", [0, 1])
 def test_ghost_psf_has_centroid_size_and_power_of_its_rays(source, psfs, number):
     here, picture = source.ghosts[number].spot, psfs[LABELS[number]]
