@@ -14,6 +14,7 @@ from small_instruments import build, detector, frame, surface
 
 from cgi_wave.analysis import Setting, zone_rows
 from cgi_wave.budget.fieldpoint import FIT_TARGET, FieldPoint, field_point, pupil_samples
+from cgi_wave.fringes.chebyshev import interpolation_matrix
 from cgi_wave.fringes.nma import Retrieval, retrieve
 from cgi_wave.fringes.psi import Psi, synthesise
 from cgi_wave.optics.system import Instrument, OpticalSystem, from_document
@@ -49,11 +50,11 @@ class Account:
         return 1.0 / (abs(self.psi.slope) * self.psi.sigma0)
 
     def gamma(self, first: str, second: str) -> complex:
-        """Complex contrast of two beams, named by the ends of their labels, path difference left out, near σ0."""
+        """Complex contrast of two beams, named by the ends of their labels, path difference left out, at σ0."""
         labels = self.point.coherency.labels
         m, l = (next(k for k, label in enumerate(labels) if label.endswith(end)) for end in (first, second))  # noqa: E741
         pair = next(pair for pair in self.point.coherency.pairs if {pair.m, pair.l} == {m, l})
-        value = complex(pair.gamma[len(pair.sigma) // 2])
+        value = complex((interpolation_matrix(pair.sigma, np.array([self.psi.sigma0])) @ pair.gamma)[0])
         return value if pair.m == m else value.conjugate()
 
 

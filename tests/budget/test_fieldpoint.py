@@ -75,7 +75,7 @@ def test_arm_pairs_of_equal_length_cancel(nir, paths, retro):
     off = displacement(nir, ghost, paths[0], nir.field_points()[0])
     mean = np.exp(2j * np.pi * off / retro.fringe_period).mean()
     assert gamma.real < -0.998
-    assert abs(gamma) == pytest.approx(abs(mean), abs=5e-5)
+    assert abs(gamma) == pytest.approx(abs(mean), abs=3e-5)
     assert abs(np.angle(-gamma)) < 0.01
 
 
@@ -151,13 +151,16 @@ def test_filter_face_at_a_distance(instrument, paths, at, face_blur, gap):
 
 @pytest.mark.parametrize("gap", [0.2, 1.0, 2.0])
 def test_filter_face_against_its_own_rays(paths, at, gap):
-    """The same J as the mean of exp(i 2πδy/Λ) over the traced blur, aberrations and all: closer by a factor of 30."""
+    """The same J as the mean of exp(i 2πδy/Λ) over the traced blur, aberrations and all: closer by a factor of 30.
+
+    1e-3 is the limit of that picture: the fringes lie at two sloped faces 1.5 mm apart, not in one plane.
+    """
     system, got = at(gap)
     ghost = next(path for path in paths if path.label == "filter_front:r arms 1-2")
     off = displacement(system, ghost, paths[0], system.field_points()[0])
     mean = np.exp(2j * np.pi * off / got.fringe_period).mean()
     gamma = got.gamma("filter_front:r arms 1-2", "filter_front:r arms 2-1")
-    assert abs(gamma) == pytest.approx(abs(mean), abs=1.5e-3)
+    assert abs(gamma) == pytest.approx(abs(mean), abs=1e-3)
 
 
 # ------------------------------------------------------------------------------------------------ power at a point
