@@ -45,10 +45,13 @@ def _json(function: Command) -> Command:
 @click.command()
 @click.argument("bands", nargs=-1, metavar="[BAND]...")
 @click.option("--out", default="out", show_default=True, metavar="DIR", help="Folder for the results.")
+@click.option("--cross-family", is_flag=True, help="Interfere ghosts off different surfaces too, as drawn.")
 @_tolerance
 @_instrument
 @_json
-def run(bands: tuple[str, ...], out: str, tolerance: float, instrument: str | None, as_json: bool) -> None:
+def run(
+    bands: tuple[str, ...], out: str, cross_family: bool, tolerance: float, instrument: str | None, as_json: bool
+) -> None:
     """Do the main job: from the instrument to Table 1.
 
     Finds the ghosts, their contrasts and what they do to the interferograms, and writes summary.json, the ghost tables,
@@ -58,7 +61,7 @@ def run(bands: tuple[str, ...], out: str, tolerance: float, instrument: str | No
 
     with output.whole_folder(out) as stage:
         with _computing():
-            result, provenance = _analyse(list(bands), instrument, tolerance)
+            result, provenance = _analyse(list(bands), instrument, tolerance, cross_family)
             from cgi_wave.report import build
 
             _progress("writing the report")
@@ -180,15 +183,17 @@ def draw(band: str | None, out: str, instrument: str | None, as_json: bool) -> N
 COMMANDS = (run, ghosts, psi, plan, draw)
 
 
-def _analyse(bands: list[str], instrument: str | None, tolerance: float) -> tuple[Analysis, dict[str, Any]]:
+def _analyse(
+    bands: list[str], instrument: str | None, tolerance: float, cross_family: bool = False
+) -> tuple[Analysis, dict[str, Any]]:
     """The analysis and its provenance, after the checks that need no computation."""
     _check_tolerance(tolerance)
     bands = _check_bands(bands, instrument)
     from cgi_wave import analysis
     from cgi_wave.report import output
 
-    result = analysis.analyse(bands, instrument, tolerance, _progress)
-    options = {"bands": bands, "instrument": instrument, "tolerance": tolerance}
+    result = analysis.analyse(bands, instrument, tolerance, _progress, cross_family)
+    options = {"bands": bands, "instrument": instrument, "tolerance": tolerance, "cross_family": cross_family}
     made = output.provenance(result.instrument_name, result.instrument_hash, options)
     return result, made | result.provenance
 

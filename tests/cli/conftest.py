@@ -92,7 +92,7 @@ def analysis(monkeypatch, fields):
     module = ModuleType("cgi_wave.analysis")
     module.list_bands = lambda instrument: ["NIR", "VIS"]
 
-    def analyse(names, instrument, tolerance, progress):
+    def analyse(names, instrument, tolerance, progress, cross_family):
         print("chatter of a library")
         progress("field 1 of 2")
         return made_up_analysis(names, instrument, fields)

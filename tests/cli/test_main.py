@@ -84,7 +84,12 @@ def test_run_writes_the_folder_that_it_promises(call, tmp_path):
         assert band["offset_over_baseline"]["mean"] == pytest.approx(0.02, abs=1e-4)
         assert band["nma_error"]["mean"] == pytest.approx(1 - 1 / 1.02, abs=1e-4)
         assert (band["ghost_count"], band["fields"]) == (1, 2)
-    assert summary["provenance"]["options"] == {"bands": ["VIS", "NIR"], "instrument": None, "tolerance": 1e-3}
+    assert summary["provenance"]["options"] == {
+        "bands": ["VIS", "NIR"],
+        "instrument": None,
+        "tolerance": 1e-3,
+        "cross_family": False,
+    }
     names = {path.name for path in folder.iterdir()}
     assert {"index.html", "layout.png", "NIR-ghosts.csv", "NIR-ghosts.nc", "NIR-ghosts.mat", "NIR-psi.png"} <= names
     page = (folder / "index.html").read_text()
