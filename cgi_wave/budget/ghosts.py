@@ -9,6 +9,8 @@ import numpy as np
 
 from cgi_wave.budget.fieldpoint import FieldPoint
 from cgi_wave.budget.pointsource import PointSource
+from cgi_wave.fringes import chebyshev
+from cgi_wave.fringes.coherency import Pair
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
 
@@ -76,16 +78,20 @@ def _geometry(system: OpticalSystem, point: FieldPoint, path: Path) -> dict[str,
     length = float(ghost.opl_at(middle_point)[0])
     _, _, y0, y1 = system.zone()
     pair = next((pair for pair in point.coherency.pairs if (pair.m, pair.l) in ((0, number), (number, 0))), None)
-    half = None if pair is None else len(pair.sigma) // 2
     return {
         "opd_m": length - float(arm1.opl_at(middle_point)[0]),
         "opd_arm2_m": length - float(arm2.opl_at(middle_point)[0]),
         "slope": slope,
         "slope_count": count_slope(system, point.paths[0], point.paths[1], path, nominal),
         "fringes": abs(slope) * (y1 - y0) * system.sigma0,
-        "contrast_uniform": None if pair is None else float(abs(pair.gamma[half])),
-        "contrast_uniform_error": None if pair is None else float(pair.error[half]),
+        "contrast_uniform": None if pair is None else abs(_at_centre(pair, system.sigma0)),
+        "contrast_uniform_error": None if pair is None else float(pair.error.max()),
     }
+
+
+def _at_centre(pair: Pair, sigma0: float) -> complex:
+    """γ of a pair at the filter's centre, between its Chebyshev nodes."""
+    return complex((chebyshev.interpolation_matrix(pair.sigma, np.array([sigma0])) @ pair.gamma)[0])
 
 
 def count_slope(system: OpticalSystem, arm1: Path, arm2: Path, path: Path, nominal_slope: float) -> float | None:
