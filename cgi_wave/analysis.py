@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -117,9 +117,7 @@ def analyse(
     """
     started = time.perf_counter()
     loaded = load_instrument(instrument)
-    results = {}
-    for name in bands or loaded.bands:
-        results[name] = analyse_band(loaded, name, tolerance, progress, cross_family)
+    results = analyse_bands(loaded, bands or loaded.bands, tolerance, progress, cross_family)
     return Analysis(results, loaded.name, loaded.hash, {}, time.perf_counter() - started)
 
 
@@ -131,24 +129,47 @@ def analyse_band(
     cross_family: bool = False,
 ) -> BandResult:
     """One band at its five field points; see ``analyse``."""
-    system = instrument.band(name)
-    progress(f"{name}: searching ghost paths")
+    return analyse_bands(instrument, [name], tolerance, progress, cross_family)[name]
+
+
+def analyse_bands(
+    instrument: Instrument, names: Sequence[str], tolerance: float, progress: Progress, cross_family: bool
+) -> dict[str, BandResult]:
+    """Bands by name; all their field points share one pool of processes."""
+    systems = {name: instrument.band(name) for name in names}
+    results: dict[str, BandResult] = {}
+    # Processes, not threads: half of the work is Python between short compiled loops.
+    with ProcessPoolExecutor(PROCESSES) as pool:
+        progress(f"{', '.join(names)}: searching ghost paths")
+        searches = [
+            pool.submit(prepare_band, instrument.raw, instrument.file, n, tolerance, cross_family) for n in names
+        ]
+        pending: dict[str, list[Future[FieldResult]]] = {}
+        for name, search in zip(names, searches, strict=True):
+            task, found = search.result()
+            points = range(len(systems[name].field_points()))
+            pending[name] = [pool.submit(analyse_field, task, index) for index in points]
+            traced = len(task.paths) - 2
+            progress(f"{name}: {found - 2} ghost paths found, {traced} to be traced at {len(points)} field points")
+        for name, futures in pending.items():
+            fields = []
+            for future in futures:
+                fields.append(future.result())
+                pairs = len(fields[-1].coherency.pairs)
+                progress(f"{name}: field point {len(fields)} of {len(futures)}: {pairs} pairs of beams")
+            rows = ghost_rows(systems[name], [(field.point, field.source) for field in fields])
+            column = table1(name, [field.retrieval for field in fields])
+            results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60))
+    return results
+
+
+def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cross_family: bool) -> tuple[Task, int]:
+    """Search and select the ghost paths of a band: the task of its field points, and how many paths were found."""
+    system = from_document(raw, file).band(name)
     found = find_paths(system)
     here = band_setting(system)
     paths = select_ghosts(system, found, here.envelope, here.nma, tolerance)
-    points = len(system.field_points())
-    progress(f"{name}: {len(found) - 2} ghost paths found, {len(paths) - 2} to be traced at {points} field points")
-    task = Task(instrument.raw, instrument.file, name, paths, tolerance, cross_family)
-    fields: list[FieldResult] = []
-    # Processes, not threads: half of the work is Python between short compiled loops.
-    with ProcessPoolExecutor(PROCESSES) as pool:
-        for field in pool.map(analyse_field, [task] * points, range(points)):
-            fields.append(field)
-            progress(f"{name}: field point {field.index + 1} of {points}: {len(field.coherency.pairs)} pairs of beams")
-    rows = ghost_rows(system, [(field.point, field.source) for field in fields])
-    return BandResult(
-        name, tuple(fields), table1(name, [f.retrieval for f in fields]), rows, fields[0].point.plan.table(60)
-    )
+    return Task(raw, file, name, paths, tolerance, cross_family), len(found)
 
 
 def plan_band(

@@ -21,6 +21,10 @@ class InputError(CgiWaveError):
         self.problem, self.remedy = problem, remedy
         super().__init__(f"{file}: {field} = {value!r}: {problem}; {remedy}")
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """An error crosses from one process to another by the arguments that it was made of."""
+        return type(self), (self.file, self.field, self.value, self.problem, self.remedy)
+
 
 class MethodLimitError(CgiWaveError):
     """A numerical method was asked for something outside its range.
@@ -31,6 +35,10 @@ class MethodLimitError(CgiWaveError):
     def __init__(self, method: str, limit: str, factor: float, remedy: str) -> None:
         self.method, self.limit, self.factor, self.remedy = method, limit, factor, remedy
         super().__init__(f"{method}: {limit}, exceeded {factor:.3g} times; {remedy}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """See ``InputError``."""
+        return type(self), (self.method, self.limit, self.factor, self.remedy)
 
 
 class EmptyBeamError(CgiWaveError):

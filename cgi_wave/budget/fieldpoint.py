@@ -43,6 +43,8 @@ COMMON_POINTS = 300
 FAR_BELOW = 0.03
 #: Safety of the stationary-phase estimate, per principal direction.
 SAFE = 2.5
+#: Misfit of two pupil fields' phases, rad, beyond which their overlap would carry an error bound as large as itself.
+UNRESOLVED = 0.5
 #: Room for the zone's own fringes and for the parabola in σ, m, when the OPD range of a pair is bounded.
 OPD_MARGIN = 2e-5
 
@@ -219,6 +221,10 @@ def _pairs(
     for item in plan.kept:
         if item.m not in fields or item.l not in fields:
             failed.append(LeftOut(item.m, item.l, item.modulation, "not resolved: no pupil field"))
+            continue
+        blur = 2.0 * np.pi * sigma_range[1] * (fields[item.m].opl_residual + fields[item.l].opl_residual)
+        if blur > UNRESOLVED and item.l >= 2:
+            failed.append(LeftOut(item.m, item.l, item.modulation, f"not resolved: phases misfit by {blur:.2g} rad"))
             continue
         weight = np.sqrt(transmission[item.m] * transmission[item.l] / (transmission[0] * transmission[1])) / nma
         tol = float(np.clip(PAIR_SHARE * tolerance / weight, 1e-7, 1e-2))
