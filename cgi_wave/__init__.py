@@ -8,6 +8,10 @@ from typing import Any
 
 __version__ = "0.1.0"
 
+#: Default bound, relative to the nominal modulation, below which a pair of beams is left out. Finer ones cost time and
+#: leave the error bars of the reference instrument as they are (validation/tolerance.py).
+DEFAULT_TOLERANCE = 1e-3
+
 #: Public name: the module that holds it.
 _HOME = {
     # the instrument

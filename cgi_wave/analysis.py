@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
 from cgi_wave.budget.ghosts import ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
-from cgi_wave.budget.select import POWER_FLOOR, select_ghosts
+from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, select_ghosts
 from cgi_wave.budget.table1 import table1
 from cgi_wave.fringes.coherency import Coherency
 from cgi_wave.fringes.nma import Retrieval, retrieve
@@ -104,7 +105,7 @@ def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spec
 def analyse(
     bands: Sequence[str],
     instrument: str | None = None,
-    tolerance: float = 1e-4,
+    tolerance: float = DEFAULT_TOLERANCE,
     progress: Progress = lambda _: None,
     cross_family: bool = False,
 ) -> Analysis:
@@ -124,7 +125,7 @@ def analyse(
 def analyse_band(
     instrument: Instrument,
     name: str,
-    tolerance: float = 1e-4,
+    tolerance: float = DEFAULT_TOLERANCE,
     progress: Progress = lambda _: None,
     cross_family: bool = False,
 ) -> BandResult:
@@ -168,12 +169,12 @@ def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cr
     system = from_document(raw, file).band(name)
     found = find_paths(system)
     here = band_setting(system)
-    paths = select_ghosts(system, found, here.envelope, here.nma, tolerance)
+    paths = select_ghosts(system, found, here.envelope, here.nma)
     return Task(raw, file, name, paths, tolerance, cross_family), len(found)
 
 
 def plan_band(
-    band: str, instrument: str | None = None, tolerance: float = 1e-4, progress: Progress = lambda _: None,
+    band: str, instrument: str | None = None, tolerance: float = DEFAULT_TOLERANCE, progress: Progress = lambda _: None,
     cross_family: bool = False,
 ) -> tuple[PairPlan, str]:  # fmt: skip
     """What ``analyse`` would compute at the zone's centre of a band, without computing it: the plan, and as text.
@@ -186,7 +187,7 @@ def plan_band(
     here = band_setting(system)
     progress(f"{band}: searching ghost paths")
     found = find_paths(system)
-    paths = select_ghosts(system, found, here.envelope, here.nma, tolerance)
+    paths = select_ghosts(system, found, here.envelope, here.nma)
     x0 = system.field_points()[0]
     arguments = (x0, here.support, here.envelope, here.nma, tolerance, cross_family)
     progress(f"{band}: tracing {len(paths) - 2} of {len(found) - 2} ghost paths to the zone's centre")
@@ -200,7 +201,7 @@ def plan_band(
     seconds = price * (fitted + len(beams.plan.kept)) / 3.0
     text = (
         f"{band}: {len(found) - 2} ghost paths found, {len(paths) - 2} traced (power above {POWER_FLOOR:g} of the "
-        f"nominal, or amplitude above {tolerance:g} of the modulation), "
+        f"nominal, or amplitude above {AMPLITUDE_FLOOR:g} of the modulation), "
         f"{len(beams.empty)} of them do not reach the zone's centre\n"
         f"pupil fields: {fitted} of {len(beams.paths)} beams; the others add their power, summed over rays\n"
         f"contrasts: {len(beams.plan.kept)} pairs, boundary-fitted Gauss panels; about {seconds:.0f} s per field "

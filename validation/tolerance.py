@@ -22,7 +22,7 @@ def study(band: str = "NIR", field: int = 1) -> list[dict[str, float]]:
     instrument = load_instrument()
     system = instrument.band(band)
     here = band_setting(system)
-    paths = select_ghosts(system, find_paths(system), here.envelope, here.nma, TOLERANCES[-1])
+    paths = select_ghosts(system, find_paths(system), here.envelope, here.nma)
     rows = []
     for tolerance in (TOLERANCES[0], *TOLERANCES):  # the first pass compiles and is dropped
         started = time.process_time()

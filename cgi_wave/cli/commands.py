@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.errors import InputError
 
 if TYPE_CHECKING:
     from cgi_wave.analysis import Analysis
 
-TOLERANCE = 1e-4
-"""Default bound, relative to the nominal modulation, below which a pair of beams is left out."""
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -33,9 +32,9 @@ def _instrument(function: Command) -> Command:
 
 def _tolerance(function: Command) -> Command:
     text = "Leave out pairs of beams that can change the modulation by less than this part of it."
-    return click.option("--tolerance", type=float, default=TOLERANCE, show_default=True, metavar="T", help=text)(
-        function
-    )
+    return click.option(
+        "--tolerance", type=float, default=DEFAULT_TOLERANCE, show_default=True, metavar="T", help=text
+    )(function)
 
 
 def _json(function: Command) -> Command:
@@ -200,7 +199,7 @@ def _analyse(
 
 def _check_tolerance(tolerance: float) -> None:
     if not 0.0 < tolerance < 1.0:  # also refuses NaN
-        remedy = f"give a number above 0 and below 1, such as {TOLERANCE:g}"
+        remedy = f"give a number above 0 and below 1, such as {DEFAULT_TOLERANCE:g}"
         raise InputError("command line", "--tolerance", tolerance, "bounds nothing", remedy)
 
 
