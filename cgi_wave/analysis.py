@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
 from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, select_ghosts
 from cgi_wave.budget.table1 import table1
+from cgi_wave.errors import InputError
 from cgi_wave.fringes.coherency import Coherency
 from cgi_wave.fringes.nma import Retrieval, retrieve
 from cgi_wave.fringes.psi import Psi, synthesise
@@ -35,6 +37,8 @@ Progress = Callable[[str], None]
 
 #: OPD up to which spectra are sampled and pairs computed, m. Beyond, the envelope is bounded instead.
 MAX_OPD = 0.1
+#: A spectrum from a file has to resolve this many times the OPD that the band is made for.
+FILE_OPD = 3.0
 PROCESSES = 2
 
 
@@ -91,11 +95,26 @@ def list_bands(instrument: str | None = None) -> tuple[str, ...]:
 
 
 def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spectrum, Filter]:
-    """Radiance and filter of a band as its instrument file declares them. Raises InputError."""
+    """Radiance and filter of a band as its instrument file declares them.
+
+    A spectrum file is sought beside the instrument file. It has to carry FILE_OPD times the band's own OPD; beyond, it
+    is taken as drawn straight between its samples. Raises InputError.
+    """
     spec = system.spec
     band_filter = Filter(spec.filter.centre_nm * NM, spec.filter.fwhm_nm * NM, spec.filter.shape)
     if spec.spectrum.kind == "file":
-        return load_spectrum(str(spec.spectrum.file), band_filter, max_opd), band_filter
+        if spec.spectrum.file is None:
+            field = f"band.{system.band}.spectrum.file"
+            raise InputError(system.file, field, None, "is missing for kind = 'file'", "name a CSV or NetCDF file")
+        file = FilePath(system.file).parent / spec.spectrum.file
+        read = load_spectrum(file, band_filter, FILE_OPD * spec.target_opd_mm * 1e-3)
+        count = 1 + int(np.ceil(4.0 * max_opd * (read.sigma[-1] - read.sigma[0])))
+        if count <= len(read.sigma):
+            return read, band_filter
+        fine = np.linspace(read.sigma[0], read.sigma[-1], count)
+        return Spectrum(
+            fine, np.interp(fine, read.sigma, read.radiance), f"{read.source}; straight between"
+        ), band_filter
     radiance = toa_radiance(
         spec.spectrum.kind, band_filter, max_opd, albedo=spec.spectrum.albedo, air_mass=spec.spectrum.air_mass
     )

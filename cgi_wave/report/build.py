@@ -73,7 +73,7 @@ def layout_figure(views: Sequence[Mapping[str, Any]]) -> Figure:
 def psi_document(band: BandResult, field: int = 0) -> dict[str, Any]:
     """The interferogram of one field point and what was retrieved from it.
 
-    ``opd_m`` in m; ``nominal`` and ``with_stray_light`` (all beams coherent) and ``paper_bookkeeping``, irradiance
+    ``opd_m`` in m; ``nominal`` and ``with_stray_light`` (coherent) and ``paper_bookkeeping``, irradiance
     relative to the input; ``modulation``, ``baseline`` (same unit) and ``nma``, each {``nominal``,
     ``with_stray_light``, ``error``}, the last being the error bound of the nominal value.
     """
