@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 
 #: Wavenumbers at which beams are traced; path lengths are the parabola through them.
 TRACED_WAVENUMBERS = 3
+#: Ghost–nominal pairs are computed down to this part of the tolerance: they are few, and all that the paper keeps.
+NOMINAL_SHARE = 0.1
 #: What a computed pair may add to the error of M, as a share of the tolerance.
 PAIR_SHARE = 0.1
 #: Misfit of pupil fields (rad of phase, amplitude and clearance together) at which a degree is enough.
@@ -137,7 +139,9 @@ def trace_beams(
     low, high, gamma, slope = pair_ranges(sheets, system.sigma0, weight, envelope, tolerance)
     frequency = slope / slope[0, 1] if slope[0, 1] != 0.0 else None
     labels = tuple(path.label for path in kept)
-    plan = plan_pairs(labels, sums[:, 0], group, low, high, gamma, envelope, nma, tolerance, cross_family, frequency)
+    plan = plan_pairs(
+        labels, sums[:, 0], group, low, high, gamma, envelope, nma, tolerance, cross_family, frequency, NOMINAL_SHARE
+    )
     return Beams(theta, tuple(kept), tuple(traced), sheets, sums, plan, tuple(empty))
 
 

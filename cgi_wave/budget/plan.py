@@ -105,6 +105,7 @@ def plan_pairs(
     tolerance: float,
     cross_family: bool = True,
     frequency: Array | None = None,
+    nominal_share: float = 1.0,
 ) -> PairPlan:
     """Decide which pairs are computed: those whose modulation bound exceeds ``tolerance``, and the nominal one always.
 
@@ -114,6 +115,7 @@ def plan_pairs(
     envelope : callable on arrays (opd_lo, opd_hi) → largest |G| between them, as
         :func:`cgi_wave.scene.coherence.coherence_envelope` returns it
     nma : expected nominal NMA (its smallest value over the zone keeps the bound a bound)
+    nominal_share : part of the tolerance above which ghost–nominal pairs are kept: they are the paper's whole M*
     frequency : (B, B) fringe frequency of each pair relative to the nominal pair's, for what is left out
     cross_family : False leaves out pairs of ghosts of different families whatever their bound, which is reported
     Powers of the beams themselves are never left out here: they belong to the baseline in full.
@@ -134,7 +136,8 @@ def plan_pairs(
             m, l, kind, modulation_bound(*args, nma), baseline_bound(*args),
             float(gamma_max[m, l]), top, float(opd_lo[m, l]), float(opd_hi[m, l]),
         )  # fmt: skip
-        if kind == "nominal" or (pair.modulation > tolerance and (cross_family or kind != "cross-family")):
+        least = tolerance * (nominal_share if kind == "ghost-nominal" else 1.0)
+        if kind == "nominal" or (pair.modulation > least and (cross_family or kind != "cross-family")):
             kept.append(pair)
             continue
         skipped.append(pair)
