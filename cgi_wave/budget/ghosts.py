@@ -23,7 +23,7 @@ def ghost_rows(system: OpticalSystem, fields: Sequence[tuple[FieldPoint, PointSo
     the ghost does not reach counts 0). The point-source columns (RMS sizes, Eq. 4, contrast |γ| with the nominal beam
     of arm 1, its bound and method) and ``opd_m``, ``opd_arm2_m`` (phase OPD to the nominal beams), ``slope`` and
     ``fringes`` in the zone are those of the first field point that the ghost reaches. ``slope_count``: the paper's
-    count of sloped surfaces crossed. ``…_fields``: one value per field point.
+    count of sloped surfaces crossed. ``…_fields``, ``…_fields_m``: one value per field point.
     """
     labels = [path for path in fields[0][1].ghosts]
     rows = [_row(system, number, ghost.path, fields) for number, ghost in enumerate(labels)]
@@ -36,8 +36,12 @@ def _row(
     power = [_power(point, path.label) for point, _ in fields]
     points = [source.ghosts[number] for _, source in fields]
     chosen = next((ghost for ghost in points if ghost.contrast is not None), points[0])
-    reached = next((point for (point, _), p in zip(fields, power, strict=True) if p > 0), None)
-    geometry = _geometry(system, reached, path) if reached is not None else dict.fromkeys(GEOMETRY)
+    geometries = [
+        _geometry(system, point, path) if p > 0 else dict.fromkeys(GEOMETRY)
+        for (point, _), p in zip(fields, power, strict=True)
+    ]
+    geometry = next((g for g, p in zip(geometries, power, strict=True) if p > 0), geometries[0])
+    spots = [ghost.spot for ghost in points]
     return {
         "label": path.label,
         "path": str(path),
@@ -55,7 +59,15 @@ def _row(
         **geometry,
         "transmission_fields": power,
         "contrast_fields": [ghost.contrast for ghost in points],
+        "contrast_error_fields": [ghost.error for ghost in points],
         "contrast_eq4_fields": [ghost.eq4 for ghost in points],
+        "rms_x_fields_m": [None if spot is None else float(spot.rms[0]) for spot in spots],
+        "rms_y_fields_m": [None if spot is None else float(spot.rms[1]) for spot in spots],
+        "centroid_x_fields_m": [None if spot is None else float(spot.centroid[0]) for spot in spots],
+        "centroid_y_fields_m": [None if spot is None else float(spot.centroid[1]) for spot in spots],
+        "opd_fields_m": [g["opd_m"] for g in geometries],
+        "opd_arm2_fields_m": [g["opd_arm2_m"] for g in geometries],
+        "slope_fields": [g["slope"] for g in geometries],
     }
 
 
