@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from cgi_wave.fringes.nma import Parasitic
 
 DPI = 130
+PROCESSES = 2
 TABLE_SUFFIXES = (".csv", ".nc", ".mat")
 
 
@@ -29,26 +31,31 @@ def write(
     ``mean``, ``spread``, ``error``), ``ghost_count``, ``fields`` (how many) and the rest of Table 1; ``provenance``.
     """
     summary = {"bands": {name: _summary(band) for name, band in analysis.bands.items()}, "provenance": provenance}
-    _save(layout_figure(views), folder / "layout.png", provenance)
     files = ["summary.json"]
     bands = []
-    for name, band in analysis.bands.items():
-        for suffix in TABLE_SUFFIXES:
-            files.append(f"{name}-ghosts{suffix}")
-            tables.write_ghosts(folder / files[-1], band.ghosts, provenance, suffix)
-        files.append(f"{name}-psi.json")
-        interferograms = [psi_document(band, index) for index in range(len(band.fields))]
-        _text(folder / files[-1], to_json({"band": name, "fields": interferograms, "provenance": provenance}))
-        bands.append(
-            {
-                "name": name,
-                "about": _about(band),
-                "table1": band.table1,
-                "ghosts": band.ghosts,
-                "pictures": _pictures(band, provenance, folder),
-                "plan": str(band.plan),
-            }
-        )
+    with ProcessPoolExecutor(PROCESSES) as pool:  # drawing a band takes seconds, and no band waits for another
+        drawn = {}
+        for name, band in analysis.bands.items():
+            first = {part: getattr(band.fields[0], part) for part in ("psi", "spots", "psfs")}
+            drawn[name] = pool.submit(_pictures, name, first, band.ghosts, provenance, folder)
+        _save(layout_figure(views), folder / "layout.png", provenance)
+        for name, band in analysis.bands.items():
+            for suffix in TABLE_SUFFIXES:
+                files.append(f"{name}-ghosts{suffix}")
+                tables.write_ghosts(folder / files[-1], band.ghosts, provenance, suffix)
+            files.append(f"{name}-psi.json")
+            interferograms = [psi_document(band, index) for index in range(len(band.fields))]
+            _text(folder / files[-1], to_json({"band": name, "fields": interferograms, "provenance": provenance}))
+            bands.append(
+                {
+                    "name": name,
+                    "about": _about(band),
+                    "table1": band.table1,
+                    "ghosts": band.ghosts,
+                    "pictures": drawn[name].result(),
+                    "plan": str(band.plan),
+                }
+            )
     document = {
         "title": f"Ghosts of {analysis.instrument_name}",
         "lead": "Every ghost found by tracing, its overlap with the nominal beams from its own rays, and what all of "
@@ -156,28 +163,32 @@ def _about(band: BandResult) -> str:
     )
 
 
-def _pictures(band: BandResult, provenance: Mapping[str, Any], folder: Path) -> list[dict[str, Any]]:
-    """Draw the pictures of one band at its first field point, and list them with their captions."""
+def _pictures(
+    name: str, first: Mapping[str, Any], ghosts: Sequence[Any], provenance: Mapping[str, Any], folder: Path
+) -> list[dict[str, Any]]:
+    """Draw the pictures of one band, and list them with their captions.
+
+    first : ``psi``, ``spots`` and ``psfs`` of its first field point
+    """
     from cgi_wave.fringes.plots import plot_psi
 
-    field = band.fields[0]
     drawn = [
         ("psi", "The interferogram and what ghosts add to it, at the first field point.",
-         plots.figure(plot_psi, field.psi, (8.0, 5.0))),
+         plots.figure(plot_psi, first["psi"], (8.0, 5.0))),
         ("contrast", "Overlap contrast of every ghost against Eq. 4; the bars are error bounds.",
-         plots.figure(plots.plot_contrast, band.ghosts, (6.4, 4.8))),
+         plots.figure(plots.plot_contrast, ghosts, (6.4, 4.8))),
         ("spots", "Irradiance of the nominal beam and of the strongest ghosts of one point source, all on one scale "
          "of length about the nominal image point; power is relative to the nominal beam of arm 1, rays are blurred.",
-         plots.grid(plots.plot_irradiance, field.spots)),
+         plots.grid(plots.plot_irradiance, first["spots"])),
         ("psfs", "Point spread functions of the same beams, each on a window of its own and below its own peak; "
          "“geometric” marks rays in the place of a wavefront too steep for the picture’s transform.",
-         plots.grid(plots.plot_psf, field.psfs)),
+         plots.grid(plots.plot_psf, first["psfs"])),
     ]  # fmt: skip
     pictures = []
     for kind, caption, figure in drawn:
-        file = f"{band.name}-{kind}.png"
+        file = f"{name}-{kind}.png"
         _save(figure, folder / file, provenance)
-        pictures.append({"file": file, "caption": f"{band.name}: {caption}", "wide": kind in ("spots", "psfs")})
+        pictures.append({"file": file, "caption": f"{name}: {caption}", "wide": kind in ("spots", "psfs")})
     return pictures
 
 
