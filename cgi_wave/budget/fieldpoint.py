@@ -47,8 +47,9 @@ FAR_BELOW = 0.03
 SAFE = 2.5
 #: Misfit of two pupil fields' phases, rad, beyond which their overlap would carry an error bound as large as itself.
 UNRESOLVED = 0.5
-#: Room for the zone's own fringes and for the parabola in σ, m, when the OPD range of a pair is bounded.
-OPD_MARGIN = 2e-5
+#: Room when the OPD range of a pair is bounded from its phase OPDs: for the zone's own fringes, m, and for group OPDs,
+#: which differ by dispersion (2 to 4 % of a path in silica or flint, less where air takes part).
+OPD_MARGIN, DISPERSION = 2e-5, 0.05
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,8 @@ def trace_beams(
     cross_family: bool = False,
 ) -> Beams:
     """Trace every path to ``x0`` and plan which pairs of beams are worth computing; arguments as in ``field_point``."""
-    sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)
+    # One wavenumber is enough to plan with; beams that get a pupil field are traced again at all of them.
+    sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)[[TRACED_WAVENUMBERS // 2]]
     theta = nominal_direction(system, paths[0], x0)
     traced: list[Rays] = []
     kept: list[Path] = []
@@ -170,7 +172,7 @@ def field_point(
     """
     beams = trace_beams(system, paths, x0, sigma_range, envelope, nma, tolerance, cross_family)
     sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)
-    fields, unresolved = _fields(beams.rays, beams.paths, beams.plan, sigma, x0)
+    fields, unresolved = _fields(system, beams, sigma, x0)
     # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
     nominal = spot(system, beams.paths[0], beams.theta, system.sigma0).power
     share = nominal / power(fields[0])[0][TRACED_WAVENUMBERS // 2]
@@ -194,20 +196,20 @@ def field_point(
 
 
 def _fields(
-    traced: Sequence[Rays], paths: Sequence[Path], plan: PairPlan, sigma: Array, x0: Array
+    system: OpticalSystem, beams: Beams, sigma: Array, x0: Array
 ) -> tuple[dict[int, PupilField], tuple[Unresolved, ...]]:
     """Pupil fields of the beams that a kept pair needs; a ghost whose field cannot be made is named with the reason."""
     fields: dict[int, PupilField] = {}
     unresolved: list[Unresolved] = []
-    for number in sorted({number for pair in plan.kept for number in (pair.m, pair.l)}):
+    for number in sorted({number for pair in beams.plan.kept for number in (pair.m, pair.l)}):
+        path = beams.paths[number]
         try:
-            fields[number] = fit_field(
-                pupil_samples(traced[number], paths[number], "pupil", sigma, x0), target=FIT_TARGET
-            )
+            rays = rays_to_point(system, path, x0, sigma, beams.theta)
+            fields[number] = fit_field(pupil_samples(rays, path, "pupil", sigma, x0), target=FIT_TARGET)
         except CgiWaveError as error:
             if number < 2:
                 raise
-            unresolved.append(Unresolved(paths[number].label, str(error), paths[number].estimate))
+            unresolved.append(Unresolved(path.label, str(error), path.estimate))
     return fields, tuple(unresolved)
 
 
@@ -271,9 +273,11 @@ def pair_ranges(
         difference = group[m] - group
         shared = np.isfinite(difference).any(axis=1)
         filled = np.where(shared[:, None], difference, 0.0)
-        low[m] = np.where(shared, np.nanmin(filled, axis=1), least[m] - most) - OPD_MARGIN
-        high[m] = np.where(shared, np.nanmax(filled, axis=1), most[m] - least) + OPD_MARGIN
+        low[m] = np.where(shared, np.nanmin(filled, axis=1), least[m] - most)
+        high[m] = np.where(shared, np.nanmax(filled, axis=1), most[m] - least)
         slope[m, shared] = np.nanmean((tilt[m] - tilt)[shared], axis=1)
+    margin = OPD_MARGIN + DISPERSION * np.maximum(np.abs(low), np.abs(high))
+    low, high = low - margin, high + margin
     gamma = np.ones_like(low)
     bound = np.sqrt(np.outer(weight, weight)) * envelope(low, high)
     for m, l in zip(*np.nonzero(np.triu(bound > FAR_BELOW * tolerance, 1)), strict=True):  # noqa: E741
