@@ -133,7 +133,7 @@ def beam_psf(field: PupilField, here: Spot) -> Psf:
     if size > LARGEST:
         limit = f"{field.label}: its wavefront needs a transform of {size} (limit {LARGEST} for a picture)"
         raise MethodLimitError("padded FFT", limit, size / LARGEST, "ask wave.psf.psf for a transform of that size")
-    return psf(field, pixel, n)
+    return psf(field, pixel, n, measure=False)
 
 
 def share(made: Psf, field: PupilField) -> float:

@@ -127,12 +127,14 @@ def fft_size(field: PupilField, pixel_m: float, n: int, sigma: float) -> int:
     return int(2 ** math.ceil(math.log2(needed)))
 
 
-def psf(field: PupilField, pixel_m: float, n: int, sigma: float | None = None) -> Psf:
+def psf(field: PupilField, pixel_m: float, n: int, sigma: float | None = None, measure: bool = True) -> Psf:
     """PSF on n x n detector points pixel_m (m) apart at wavenumber sigma (1/m; the field's middle one by default).
 
     The point (n // 2, n // 2) is the reference point. The complex field is sampled on a q grid whose pitch is
-    1/(σ·N·pixel_m), with cells at the edge weighted by their share inside. Raises InputError for a pupil-space field,
-    MethodLimitError when the sampling does not hold (``fft_size``).
+    1/(σ·N·pixel_m), with cells at the edge weighted by their share inside. ``measure`` compares nine points with
+    quadrature, which can take longer than the transform; without it ``field_error`` is NaN.
+
+    Raises InputError for a pupil-space field, MethodLimitError when the sampling does not hold (``fft_size``).
     """
     _check(field)
     sigma = float(field.sigma[field.sigma.size // 2]) if sigma is None else sigma
@@ -157,7 +159,8 @@ def psf(field: PupilField, pixel_m: float, n: int, sigma: float | None = None) -
     power = float(field.power_at(np.array([sigma]))[0])
     error = abs(float(np.sum(np.abs(sampled) ** 2)) * pitch**2 / power - 1.0)
     axis = np.asarray((np.arange(n) - n // 2) * pixel_m, np.float64)
-    measured, note = _measure(field, axis, out, sigma)
+    unmeasured = (math.nan, "not measured (not asked for); sampled edge, for pictures, not for contrasts")
+    measured, note = _measure(field, axis, out, sigma) if measure else unmeasured
     return Psf(axis, axis, np.abs(out) ** 2, out, sigma, _FFT_METHOD, size, error, measured, note)
 
 
