@@ -76,7 +76,10 @@ class Rays:
         return total, 3.0 * 0.3 * float(np.sqrt(2.0 * np.sqrt(np.pi * count))) / count * total
 
     def sheet(self, sigma: Array) -> Sheet:
-        """Path lengths and directions as polynomials over the pupil; sigma (S,) as traced."""
+        """Path lengths and directions as polynomials over the pupil; sigma (S,) as traced.
+
+        Traced at one wavenumber, phase path length stands for group path length: the caller allows for dispersion.
+        """
         middle = len(sigma) // 2
         p = self.pupil[middle]
         centre, half = p.mean(axis=0), float(np.sqrt(((p - p.mean(axis=0)) ** 2).sum(axis=1)).max())
