@@ -1,0 +1,1 @@
+"""Ways to compute one overlap contrast, all on the same pupil fields; one module each."""
