@@ -30,8 +30,8 @@ def test_each_coefficient_is_the_aberration_at_the_edge():
 
 
 def test_defocus_alone_is_sinc():
-    m, l = HopkinsPair(w020=1.25).pupil_fields()
-    found = overlap(m, l, np.array([1.0]), 1e-9)
+    fields = HopkinsPair(w020=1.25).pupil_fields()
+    found = overlap(*fields, np.array([1.0]), 1e-9)
     value = found.value[0] * np.exp(2j * np.pi * found.opd_m[0])
     # ∫ exp(i 2π W ρ²) over the unit disc / π = exp(iπW) sinc(W)
     assert value == pytest.approx(np.exp(1j * np.pi * 1.25) * np.sinc(1.25), abs=1e-10)
