@@ -20,6 +20,10 @@ GAUSS = 16
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
 _GX = 0.5 * (_X16 + 1.0)  # nodes and weights on (0, 1)
 _GW = 0.5 * _W16
+_TO_CHEB = np.linalg.inv(np.polynomial.chebyshev.chebvander(_X16, GAUSS - 1))
+_TO_POWER = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
+for _k in range(GAUSS):
+    _TO_POWER[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
 _TIE = 1e-9  # two boundaries closer than this (frame units) are the same boundary
 _CHUNK = 64  # nodes handed to the vectorised inner function at a time
 _RADIAL_SCAN = 33  # points per ray on which the phase variation is measured
@@ -323,6 +327,73 @@ def segment_rays(clear, ellipses, span, cornered, breaks):
                 owner[found, 0], owner[found, 1] = which[j, 0], which[j, 1]
                 found += 1
     return rays[:found].copy(), owner[:found].copy()
+
+
+@njit(cache=True, nogil=True)
+def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
+    """Boundary of the region within one angle range as smooth curves, the region to their left.
+
+    Returns (curves (C, 2, 16): powers of s in [-1, 1] of x(s) and y(s); missed: largest of the series' last terms, in
+    frame units). Pieces are halved until that is below tolerance. No curves and missed = inf: more than `limit`
+    curves, or a number of intervals that changes inside the range.
+    """
+    out = np.empty((limit, 2, GAUSS))
+    ends, which = np.empty((_MAX_INTERVALS, 2)), np.empty((_MAX_INTERVALS, 2), np.int64)
+    at = np.empty((GAUSS, _MAX_INTERVALS, 2, 2))
+    inner = np.empty(_MAX_INTERVALS, np.int64)
+    pieces = np.empty((64, 2))
+    pieces[0, 0], pieces[0, 1] = 0.0, 1.0
+    top, found, missed, width = 1, 0, 0.0, span[1] - span[0]
+    series = np.empty((2, GAUSS))
+    while top > 0:
+        top -= 1
+        t0, t1, count = pieces[top, 0], pieces[top, 1], -1
+        for g in range(GAUSS):
+            theta = span[0] + width * _warp(t0 + (t1 - t0) * _GX[g], cornered)[0]
+            here = _cast(clear, ellipses, theta, ends, which)
+            if here < 0 or (count >= 0 and here != count):
+                return out[:0], np.inf
+            count = here
+            for j in range(count):
+                inner[j] = which[j, 0]
+                for e in range(2):
+                    at[g, j, e, 0], at[g, j, e, 1] = ends[j, e] * math.cos(theta), ends[j, e] * math.sin(theta)
+        worst = 0.0
+        for j in range(count):
+            for e in range(2):
+                for axis in range(2):
+                    for k in range(GAUSS - 3, GAUSS):
+                        total = 0.0
+                        for g in range(GAUSS):
+                            total += _TO_CHEB[k, g] * at[g, j, e, axis]
+                        worst = max(worst, abs(total))
+        if worst > tolerance and t1 - t0 > 1e-3:
+            if top + 2 > pieces.shape[0]:
+                return out[:0], np.inf
+            pieces[top, 0], pieces[top, 1] = t0, 0.5 * (t0 + t1)
+            pieces[top + 1, 0], pieces[top + 1, 1] = 0.5 * (t0 + t1), t1
+            top += 2
+            continue
+        missed = max(missed, worst)
+        for j in range(count):
+            for e in range(2):
+                if e == 0 and inner[j] == -1:
+                    continue  # the pivot: a point, not a boundary
+                if found == limit:
+                    return out[:0], np.inf
+                for axis in range(2):
+                    for k in range(GAUSS):
+                        series[axis, k] = 0.0
+                        for g in range(GAUSS):
+                            series[axis, k] += _TO_CHEB[k, g] * at[g, j, e, axis]
+                    for k in range(GAUSS):
+                        total = 0.0
+                        for q in range(k, GAUSS):
+                            total += _TO_POWER[k, q] * series[axis, q]
+                        # outer ends run with growing angle, inner ones against it
+                        out[found, axis, k] = total if e == 1 or k % 2 == 0 else -total
+                found += 1
+    return out[:found].copy(), missed
 
 
 @njit(cache=True, nogil=True)

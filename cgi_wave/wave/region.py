@@ -25,6 +25,7 @@ _LEVELS = 8
 _BREAK_LIMIT = 200
 _SCANS = (120, 240, 480)  # rays on which the boundary's corners are looked for, per level
 _GRID = 41
+_CURVE_TOLERANCE = 1e-13  # frame units
 
 
 @dataclass(frozen=True)
@@ -188,6 +189,27 @@ def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
         return [(np.array([0.0, 2.0 * np.pi]), False)]
     ends = np.append(angles, angles[0] + 2.0 * np.pi)
     return [(ends[b : b + 2], True) for b in range(angles.size) if ends[b + 1] - ends[b] > 1e-13]
+
+
+def boundary(region: Region) -> tuple[Array, float]:
+    """Boundary of the region as smooth curves (C, 2, 16), powers of s in [-1, 1] in frame units, region to their left.
+
+    With it, the largest distance (frame units) by which a curve may be off. Raises MethodLimitError when a part of the
+    boundary cannot be followed.
+    """
+    curves, missed = [], 0.0
+    for span, cornered in _segments(region, 0):
+        part, off = pupil.boundary_curves(region.clearance, region.ellipses, span, cornered, _CURVE_TOLERANCE, 512)
+        if not np.isfinite(off):
+            raise MethodLimitError(
+                METHOD,
+                f"the boundary between {span[0]:.4g} and {span[1]:.4g} rad cannot be followed",
+                1.0,
+                "lower the degree of the fit or merge the apertures that nearly coincide",
+            )
+        curves.append(part)
+        missed = max(missed, off)
+    return np.concatenate(curves), missed
 
 
 def _refuse(nodes: float, waves: float) -> MethodLimitError:

@@ -1,0 +1,1254 @@
+"""Compiled boundary integrals for oscillating integrands: the area integral of a b exp(i 2π f) by Stokes' theorem.
+
+On every line along one direction (x here, after a rotation) the integrand has an antiderivative Φ in x, so that the
+area integral is the boundary integral ∮ Φ dy. Φ is known cheaply wherever the phase f runs fast along the line: the
+one antiderivative that does not oscillate beyond exp(i 2π f) itself is E exp(i 2π f), with E from a few
+Gauss–Laguerre nodes on the complex path of steepest descent (numerical steepest descent, Huybrechs and Vandewalle,
+SIAM J. Numer. Anal. 44, 1026, 2006). Within WAVES of the line's stationary point X, Φ is integrated directly from the
+nearest point where E is good; beyond X, E exp(i 2π f) and Φ differ by the stationary point's own term S exp(i 2π f(X)).
+
+What remains are integrals along the boundary of (slow amplitude) × exp(i 2π φ), φ = f on the boundary or f(X): 16-point
+Gauss panels on interpolated amplitudes, a handful of nodes per wave of φ. The cost grows with the length of the boundary
+in waves, and with a factor of some ns only.
+
+A line may have one stationary point at most. Where the second derivative along every direction changes sign, or the
+polynomials run through too little phase for an asymptotic regime, the region is cut into boxes, each with its own
+direction, down to boxes of a few waves, in which Φ is integrated directly from the box's middle line.
+
+Conventions: polynomials are powers, coef[i, j] x^i y^j, i + j < n; f in cycles; boundary panels are curves
+x(s), y(s), s in [-1, 1], powers of s, with the region to their left. One module holds the whole call tree.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+GAUSS = 16
+WAVES = 6.0  # distance from a stationary point, in waves, from which the steepest-descent amplitude is used
+DIRECT = 10.0  # boxes with less phase than this (cycles, sum of coefficients) are integrated directly
+CYCLES = 3.0  # phase per Gauss panel
+STRETCH = 1.6  # part of a box, in half-widths, in which a line's stationary point is looked for
+DEPTH = 26  # halvings of a boundary panel, and of a box
+OK, DEEP, CROWDED = 0, 1, 2
+
+_X, _W = np.polynomial.legendre.leggauss(GAUSS)
+_TO_CHEB = np.linalg.inv(np.polynomial.chebyshev.chebvander(_X, GAUSS - 1))
+_TO_POWER = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
+for _k in range(GAUSS):
+    _TO_POWER[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
+# Gauss-Laguerre rules, and the least distance P (rad of phase to the nearest saddle) from which each is used: the
+# error of n nodes on (1 + i p/P)^(-1/2), the amplitude of a quadratic phase, is (n!)²/P^(2n); here 1e-14.
+_COUNTS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 16])
+_LAG_X, _LAG_W = np.zeros((_COUNTS.size, 16)), np.zeros((_COUNTS.size, 16))
+for _k, _n in enumerate(_COUNTS):
+    _LAG_X[_k, :_n], _LAG_W[_k, :_n] = np.polynomial.laguerre.laggauss(int(_n))
+_REACH = np.array([(math.factorial(int(n)) ** 2 / 1e-14) ** (0.5 / int(n)) for n in _COUNTS])
+# Panels between a stationary point and WAVES from it: fractions at which the quadratic phase turns evenly enough.
+_NEAR = np.array([0.0, 0.5, 0.77, 1.0])
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_I2PI = 2j * math.pi
+
+
+@njit(cache=True, nogil=True)
+def _horner(c, x):
+    value = 0.0
+    for k in range(c.shape[0] - 1, -1, -1):
+        value = value * x + c[k]
+    return value
+
+
+@njit(cache=True, nogil=True)
+def _slope(c, x):
+    value = 0.0
+    for k in range(c.shape[0] - 1, 0, -1):
+        value = value * x + k * c[k]
+    return value
+
+
+@njit(cache=True, nogil=True)
+def affine(coef, cx, cy, xu, xv, yu, yv):
+    """Powers (n, n) in (u, v) of the polynomial coef at x = cx + xu u + xv v, y = cy + yu u + yv v; exact."""
+    n = coef.shape[0]
+    out, inner = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n - 1, -1, -1):
+        # out = out * x + sum_j coef[i, j] y^j, both by Horner on polynomials of growing degree
+        _times(out, cx, xu, xv, n - 2 - i)
+        inner[:, :] = 0.0
+        for j in range(n - 1 - i, -1, -1):
+            _times(inner, cy, yu, yv, n - 2 - i - j)
+            inner[0, 0] += coef[i, j]
+        for p in range(n - i):
+            for q in range(n - i - p):
+                out[p, q] += inner[p, q]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _times(poly, c, u, v, degree):
+    """poly (of at most this total degree) times c + u·(first variable) + v·(second), in place."""
+    for p in range(degree + 1, -1, -1):
+        for q in range(degree + 1 - p, -1, -1):
+            value = c * poly[p, q]
+            if p > 0:
+                value += u * poly[p - 1, q]
+            if q > 0:
+                value += v * poly[p, q - 1]
+            poly[p, q] = value
+
+
+@njit(cache=True, nogil=True)
+def _restrict(coef, y, out):
+    """Powers of x of a polynomial on the line at y."""
+    n = coef.shape[0]
+    for i in range(n):
+        value = 0.0
+        for j in range(n - 1 - i, -1, -1):
+            value = value * y + coef[i, j]
+        out[i] = value
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _direct(x, w, fl, al, bl, wl, zero, phi, a, b, c):
+    """Sums of w a b exp(i 2π (f − zero)) and of the same times the further factor, over nodes x on one line.
+
+    exp(i 2π r) by the half angle: sine and cosine of π r, |r| <= 1/2, from their Taylor series to rounding, so that
+    the loop has no branch and no library call and vectorises.
+    """
+    size = x.shape[0]
+    for i in range(size):
+        phi[i], a[i], b[i], c[i] = 0.0, 0.0, 0.0, 0.0
+    for k in range(fl.shape[0] - 1, -1, -1):
+        p = fl[k]
+        for i in range(size):
+            phi[i] = phi[i] * x[i] + p
+    for k in range(al.shape[0] - 1, -1, -1):
+        p, q, r = al[k], bl[k], wl[k]
+        for i in range(size):
+            a[i] = a[i] * x[i] + p
+            b[i] = b[i] * x[i] + q
+            c[i] = c[i] * x[i] + r
+    re, im, re1, im1 = 0.0, 0.0, 0.0, 0.0
+    for i in range(size):
+        turn = phi[i] - zero
+        r = (turn - math.floor(turn + 0.5)) * math.pi
+        sine, cosine = _half(r)
+        ab = a[i] * b[i] * w[i]
+        real, imag = ab * (1.0 - 2.0 * sine * sine), ab * 2.0 * sine * cosine
+        re += real
+        im += imag
+        re1 += real * c[i]
+        im1 += imag * c[i]
+    return re, im, re1, im1
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST, inline="always")
+def _half(r):
+    """Sine and cosine of r, |r| <= π/2, to rounding."""
+    z = r * r
+    sine = -1.0 / 51090942171709440000.0
+    sine = sine * z + 1.0 / 121645100408832000.0
+    sine = sine * z - 1.0 / 355687428096000.0
+    sine = sine * z + 1.0 / 1307674368000.0
+    sine = sine * z - 1.0 / 6227020800.0
+    sine = sine * z + 1.0 / 39916800.0
+    sine = sine * z - 1.0 / 362880.0
+    sine = sine * z + 1.0 / 5040.0
+    sine = sine * z - 1.0 / 120.0
+    sine = sine * z + 1.0 / 6.0
+    sine = r - r * z * sine
+    cosine = -1.0 / 1124000727777607680000.0
+    cosine = cosine * z + 1.0 / 2432902008176640000.0
+    cosine = cosine * z - 1.0 / 6402373705728000.0
+    cosine = cosine * z + 1.0 / 20922789888000.0
+    cosine = cosine * z - 1.0 / 87178291200.0
+    cosine = cosine * z + 1.0 / 479001600.0
+    cosine = cosine * z - 1.0 / 3628800.0
+    cosine = cosine * z + 1.0 / 40320.0
+    cosine = cosine * z - 1.0 / 720.0
+    cosine = cosine * z + 1.0 / 24.0
+    cosine = cosine * z - 0.5
+    return sine, cosine * z + 1.0
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _wave(t, w, phase, re0, im0, re1, im1, work):
+    """Sums over nodes t of w (amplitude) exp(i 2π phase), two amplitudes; all given as powers of t."""
+    size = t.shape[0]
+    for q in range(5):
+        for i in range(size):
+            work[q, i] = 0.0
+    for k in range(phase.shape[0] - 1, -1, -1):
+        p, a, b, c, d = phase[k], re0[k], im0[k], re1[k], im1[k]
+        for i in range(size):
+            x = t[i]
+            work[0, i] = work[0, i] * x + p
+            work[1, i] = work[1, i] * x + a
+            work[2, i] = work[2, i] * x + b
+            work[3, i] = work[3, i] * x + c
+            work[4, i] = work[4, i] * x + d
+    sr0, si0, sr1, si1 = 0.0, 0.0, 0.0, 0.0
+    for i in range(size):
+        r = (work[0, i] - math.floor(work[0, i] + 0.5)) * math.pi
+        sine, cosine = _half(r)
+        co, si = (1.0 - 2.0 * sine * sine) * w[i], 2.0 * sine * cosine * w[i]
+        sr0 += work[1, i] * co - work[2, i] * si
+        si0 += work[1, i] * si + work[2, i] * co
+        sr1 += work[3, i] * co - work[4, i] * si
+        si1 += work[3, i] * si + work[4, i] * co
+    return sr0, si0, sr1, si1
+
+
+@njit(cache=True, nogil=True)
+def _stationary(fl, lo, hi, guess):
+    """Root of f' on [lo, hi], where f' is monotone; NaN if there is none. Newton kept inside the bracket."""
+    s_lo, s_hi = _slope(fl, lo), _slope(fl, hi)
+    if (s_lo < 0.0) == (s_hi < 0.0):
+        return math.nan
+    rising = s_hi > s_lo
+    x = guess if lo < guess < hi else 0.5 * (lo + hi)
+    for _ in range(80):
+        slope, bend = 0.0, 0.0
+        for k in range(fl.shape[0] - 1, 0, -1):
+            bend = bend * x + slope
+            slope = slope * x + k * fl[k]
+        if (slope > 0.0) == rising:
+            hi = x
+        else:
+            lo = x
+        step = x - slope / bend if bend != 0.0 else lo
+        if not (lo <= step <= hi):
+            step = 0.5 * (lo + hi)
+        if abs(step - x) <= 1e-15:
+            return step
+        x = step
+    return x
+
+
+@njit(cache=True, nogil=True)
+def _away(fl, x, side, waves):
+    """Point where the line's phase has turned by `waves` from its stationary point x, on one side; NaN if not found."""
+    f0, bend = _horner(fl, x), 0.0
+    for k in range(fl.shape[0] - 1, 1, -1):
+        bend = bend * x + k * (k - 1) * fl[k]
+    if bend == 0.0:
+        return math.nan
+    sign = 1.0 if bend > 0.0 else -1.0
+    at = x + side * math.sqrt(2.0 * waves / abs(bend))
+    for _ in range(30):
+        slope = _slope(fl, at)
+        if slope * side * sign <= 0.0:
+            return math.nan
+        step = (_horner(fl, at) - f0 - sign * waves) / slope
+        at -= step
+        if (at - x) * side <= 0.0:
+            return math.nan
+        if abs(step) <= 1e-13 * abs(at - x):
+            return at
+    return math.nan
+
+
+@njit(cache=True, nogil=True)
+def _distance(fl, x):
+    """Distance in rad of phase from x to the nearest saddle of the line, from the first three derivatives."""
+    d1, d2, d3 = 0.0, 0.0, 0.0
+    for k in range(fl.shape[0] - 1, 0, -1):
+        d1 = d1 * x + k * fl[k]
+    for k in range(fl.shape[0] - 1, 1, -1):
+        d2 = d2 * x + k * (k - 1) * fl[k]
+    for k in range(fl.shape[0] - 1, 2, -1):
+        d3 = d3 * x + k * (k - 1) * (k - 2) * fl[k]
+    reach = 1e300
+    if d2 != 0.0:
+        reach = min(reach, d1 * d1 / (2.0 * abs(d2)))
+    if d3 != 0.0:
+        reach = min(reach, 0.66 * abs(d1) * math.sqrt(abs(2.0 * d1 / d3)))
+    return 2.0 * math.pi * reach
+
+
+@njit(cache=True, nogil=True)
+def _descent(fl, al, bl, wl, x, rule):
+    """The slow amplitude E at x by one Gauss-Laguerre rule, times 1 and times the further factor; ok."""
+    f0, d1, d2 = _horner(fl, x), _slope(fl, x), 0.0
+    for k in range(fl.shape[0] - 1, 1, -1):
+        d2 = d2 * x + k * (k - 1) * fl[k]
+    e0, e1 = 0j, 0j
+    if d1 == 0.0:
+        return e0, e1, False
+    for j in range(_COUNTS[rule]):
+        target = 1j * _LAG_X[rule, j] / (2.0 * math.pi)
+        # start: the path of the quadratic through x
+        root = np.sqrt(d1 * d1 + 2.0 * d2 * target)
+        if (root.real < 0.0) != (d1 < 0.0):
+            root = -root
+        z = x + 2.0 * target / (d1 + root)
+        done = False
+        slope = 0j
+        for _ in range(12):
+            value, slope = 0j, 0j
+            for k in range(fl.shape[0] - 1, -1, -1):
+                slope = slope * z + value
+                value = value * z + fl[k]
+            if done:
+                break
+            step = (value - f0 - target) / slope
+            z -= step
+            size = abs(step.real) + abs(step.imag)
+            reach = abs(z.real - x) + abs(z.imag)
+            if not size <= 1e6:
+                return e0, e1, False
+            done = size <= 1e-7 * reach
+        if not done:
+            return e0, e1, False
+        a, b, c = 0j, 0j, 0j
+        for k in range(al.shape[0] - 1, -1, -1):
+            a = a * z + al[k]
+            b = b * z + bl[k]
+            c = c * z + wl[k]
+        term = _LAG_W[rule, j] * a * b / slope
+        e0 += term
+        e1 += term * c
+    return e0 / _I2PI, e1 / _I2PI, True
+
+
+@njit(cache=True, nogil=True)
+def _rule(fl, x):
+    """Index of the smallest Gauss-Laguerre rule that reaches 1e-14 at x, and the next; -1 if none does."""
+    distance = 0.8 * _distance(fl, x)
+    for k in range(_COUNTS.size):
+        if distance >= _REACH[k]:
+            return k
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _span(fl, al, bl, wl, lo, hi, panels, zero, out):
+    """Adds to out the integral of a b exp(i 2π (f − zero)) from lo to hi in even panels (out: 4 sums); lo > hi is fine."""
+    x, w = np.empty(GAUSS), np.empty(GAUSS)
+    work = np.empty((4, GAUSS))
+    for p in range(panels):
+        a = lo + (hi - lo) * p / panels
+        b = lo + (hi - lo) * (p + 1) / panels
+        for g in range(GAUSS):
+            x[g] = 0.5 * (a + b) + 0.5 * (b - a) * _X[g]
+            w[g] = 0.5 * (b - a) * _W[g]
+        part = _direct(x, w, fl, al, bl, wl, zero, work[0], work[1], work[2], work[3])
+        for q in range(4):
+            out[q] += part[q]
+
+
+@njit(cache=True, nogil=True)
+def _steep(fl, lo, hi):
+    """Largest |f'| on nine points between lo and hi, with a tenth of margin."""
+    worst = 0.0
+    for i in range(9):
+        worst = max(worst, abs(_slope(fl, lo + (hi - lo) * i / 8.0)))
+    return 1.1 * worst
+
+
+@njit(cache=True, nogil=True)
+def _from_far(fl, al, bl, wl, at, side, x, zero, out):
+    """Φ exp(−i 2π zero) at x: E at the point WAVES away on one side of the stationary point `at`, and from there directly.
+
+    out: 4 sums. Returns False when the asymptotic regime is not reached on that side.
+    """
+    far = _away(fl, at, side, WAVES)
+    if math.isnan(far):
+        return False
+    rule = _rule(fl, far)
+    if rule < 0:
+        return False
+    e0, e1, ok = _descent(fl, al, bl, wl, far, rule)
+    if not ok:
+        return False
+    turn = np.exp(_I2PI * (_horner(fl, far) - zero))
+    e0, e1 = e0 * turn, e1 * turn
+    out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
+    if (x - at) * side > 0.0:  # on the same side: only the way between
+        lo = min(max((x - at) / (far - at), 0.0), 1.0)
+        _walk(fl, al, bl, wl, at, far, lo, zero, out)
+        if (x - far) * side > 0.0:
+            _span(fl, al, bl, wl, far, x, 1, zero, out)
+    else:
+        _walk(fl, al, bl, wl, at, far, 0.0, zero, out)
+        back = np.zeros(4)
+        if x != at:
+            _walk(fl, al, bl, wl, at, x, 0.0, zero, back)  # from x to `at`, sign turned below
+            for q in range(4):
+                out[q] -= back[q]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _walk(fl, al, bl, wl, at, far, start, zero, out):
+    """Adds the integral from `far` back to the fraction `start` of the way from the stationary point `at` to it."""
+    for k in range(_NEAR.size - 1, 0, -1):
+        if _NEAR[k] > start:
+            _span(fl, al, bl, wl, at + (far - at) * _NEAR[k], at + (far - at) * max(_NEAR[k - 1], start), 1, zero, out)
+
+
+@njit(cache=True, nogil=True)
+def _stationary_term(fl, al, bl, wl, at, zero, out):
+    """S exp(−i 2π zero): what Φ − E exp(i 2π f) is beyond (to the left of) the stationary point; False if not reached."""
+    far = _away(fl, at, -1.0, WAVES)
+    if math.isnan(far):
+        return False
+    rule = _rule(fl, far)
+    if rule < 0 or not _from_far(fl, al, bl, wl, at, 1.0, far, zero, out):
+        return False
+    e0, e1, ok = _descent(fl, al, bl, wl, far, rule)
+    turn = np.exp(_I2PI * (_horner(fl, far) - zero))
+    e0, e1 = e0 * turn, e1 * turn
+    out[0] -= e0.real
+    out[1] -= e0.imag
+    out[2] -= e1.real
+    out[3] -= e1.imag
+    return ok
+
+
+DIRECT_MODE, RADIAL_MODE, SADDLE_MODE, SLOPE_MODE, CURVE_MODE = 0, 1, 2, 3, 4
+NEAR, RIGHT, LEFT = 0, 1, -1
+
+
+@njit(cache=True, nogil=True)
+def _polar(coef, c, s, out):
+    """Powers of r of a polynomial along the ray (r c, r s)."""
+    n = coef.shape[0]
+    for k in range(n):
+        value, power = 0.0, 1.0
+        for i in range(k + 1):  # c^i by running product, s^(k - i) by Horner in the other direction
+            value = value * s + coef[i, k - i] * power
+            power *= c
+        out[k] = value
+
+
+@njit(cache=True, nogil=True)
+def _even_slope(fl, r):
+    """Whether f'(t)/t keeps its sign on 0 < t <= r (Bernstein coefficients of one sign): one stationary point, at 0."""
+    n = fl.shape[0] - 2
+    if n < 1 or fl[2] == 0.0:
+        return False
+    power, rest = 1.0, 0.0
+    for k in range(1, n):
+        power *= r
+        rest += (k + 2) * abs(fl[k + 2]) * power
+    if rest < 1.9 * abs(fl[2]):
+        return True
+    sign = 1.0 if fl[2] > 0.0 else -1.0
+    for p in range(n):
+        # Bernstein coefficient p of degree n - 1: sum_k C(p, k) / C(n - 1, k) d_k r^k
+        total, choose, power = 2.0 * fl[2], 1.0, 1.0
+        for k in range(1, p + 1):
+            choose *= (p - k + 1.0) / (n - k)
+            power *= r
+            total += choose * (k + 2) * fl[k + 2] * power
+        if total * sign <= 0.1 * abs(fl[2]):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _classify(fl, x, bend_sign, stretch, guess):
+    """(class, distance from the stationary point in waves, the point or NaN) of x on its line."""
+    at = _stationary(fl, -stretch, stretch, guess)
+    if math.isnan(at):
+        side = RIGHT if _slope(fl, x) * bend_sign > 0.0 else LEFT
+        return side, 1e300, at
+    delta = abs(_horner(fl, x) - _horner(fl, at))
+    if delta < WAVES:
+        return NEAR, delta, at
+    return (RIGHT if x > at else LEFT), delta, at
+
+
+@njit(cache=True, nogil=True)
+def _locate(px, py, f, mode, bend_sign, stretch, lo, hi, lines, place, delta, cls):
+    """The 16 nodes of a piece of a panel: their lines and where on them they lie; False if a ray has two regimes.
+
+    lines (16, n): powers of f along the line of each node; place (16, 5): coordinate along it, y of the line, weight
+    dy (dθ for rays), stationary point, and the ray's cosine or 0.
+    """
+    half, guess = 0.5 * (hi - lo), 0.0
+    for i in range(GAUSS):
+        s = 0.5 * (lo + hi) + half * _X[i]
+        x, y, dy = _horner(px, s), _horner(py, s), _slope(py, s) * half
+        if mode == RADIAL_MODE:
+            r = math.hypot(x, y)
+            if r == 0.0:
+                return False
+            _polar(f, x / r, y / r, lines[i])
+            if not _even_slope(lines[i], r):
+                return False
+            place[i, 0], place[i, 1], place[i, 2] = r, y / r, (x * dy - y * _slope(px, s) * half) / (r * r)
+            place[i, 3], place[i, 4] = 0.0, x / r
+            delta[i] = abs(_horner(lines[i], r) - lines[i, 0])
+            cls[i] = NEAR if delta[i] < WAVES else RIGHT
+            continue
+        _restrict(f, y, lines[i])
+        place[i, 0], place[i, 1], place[i, 2], place[i, 3], place[i, 4] = x, y, dy, math.nan, 0.0
+        cls[i], delta[i] = RIGHT, 1e300
+        if mode == SADDLE_MODE or mode == CURVE_MODE:
+            cls[i], delta[i], place[i, 3] = _classify(lines[i], x, bend_sign, stretch, guess)
+            if not math.isnan(place[i, 3]):
+                guess = place[i, 3]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _side(place, delta, cls):
+    """(class of all 16 nodes together, whether they have one). A node within a quarter of WAVES fits both classes."""
+    nearest, furthest, right, left = 1e300, 0.0, False, False
+    for i in range(GAUSS):
+        nearest, furthest = min(nearest, delta[i]), max(furthest, delta[i])
+        inside = not math.isnan(place[i, 3]) and place[i, 0] < place[i, 3]
+        if cls[i] == LEFT or (cls[i] == NEAR and inside):
+            left = True
+        else:
+            right = True
+    if furthest <= 1.25 * WAVES:
+        return NEAR, True
+    if nearest >= 0.8 * WAVES and left != right:
+        return (LEFT if left else RIGHT), True
+    return NEAR, False
+
+
+@njit(cache=True, nogil=True)
+def _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line):
+    """Where to cut a piece whose nodes are of two classes: where the distance is about WAVES."""
+    cut, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
+    for i in range(GAUSS - 1):
+        if (delta[i] < WAVES) != (delta[i + 1] < WAVES):
+            s0, s1 = cut + half * _X[i], cut + half * _X[i + 1]
+            below, middle = delta[i] < WAVES, cut
+            for _ in range(20):
+                middle = 0.5 * (s0 + s1)
+                x, y = _horner(px, middle), _horner(py, middle)
+                if mode == RADIAL_MODE:
+                    r = math.hypot(x, y)
+                    _polar(f, x / r, y / r, line)
+                    here = abs(_horner(line, r) - line[0])
+                else:
+                    _restrict(f, y, line)
+                    _, here, _ = _classify(line, x, bend_sign, stretch, 0.0)
+                if 0.9 * WAVES < here < 1.1 * WAVES:
+                    break
+                if (here < WAVES) == below:
+                    s0 = middle
+                else:
+                    s1 = middle
+            return middle
+    return cut
+
+
+@njit(cache=True, nogil=True)
+def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values):
+    """Phase and amplitudes (5, 16) of Φ dy at the nodes; False where the asymptotic regime is not reached.
+
+    values: phase in cycles; Re and Im of the amplitude; the same times the further factor.
+    """
+    out = np.zeros(4)
+    for i in range(GAUSS):
+        fl, x, at = lines[i], place[i, 0], place[i, 3]
+        al[:], bl[:], wl[:] = 0.0, 0.0, 0.0
+        if mode == RADIAL_MODE:  # the area element r dr dθ: one power of r more in the amplitude
+            _polar(a, place[i, 4], place[i, 1], al[1:])
+            _polar(b, place[i, 4], place[i, 1], bl[:-1])
+            _polar(w, place[i, 4], place[i, 1], wl[:-1])
+        else:
+            _restrict(a, place[i, 1], al[:-1])
+            _restrict(b, place[i, 1], bl[:-1])
+            _restrict(w, place[i, 1], wl[:-1])
+        out[:] = 0.0
+        values[0, i] = 0.0
+        if mode == DIRECT_MODE:
+            turns = _steep(fl, min(0.0, x), max(0.0, x)) * abs(x)
+            _span(fl, al, bl, wl, 0.0, x, 1 + int(turns / CYCLES), 0.0, out)
+        elif mode == CURVE_MODE or whole == NEAR:
+            if math.isnan(at):
+                return False
+            values[0, i] = _horner(fl, at)
+            if mode == CURVE_MODE:
+                ok = _stationary_term(fl, al, bl, wl, at, values[0, i], out)
+            else:
+                ok = _from_far(fl, al, bl, wl, at, 1.0, x, values[0, i], out)
+            if not ok:
+                return False
+        else:
+            values[0, i] = _horner(fl, x)
+            rule = _rule(fl, x)
+            if rule < 0:
+                return False
+            e0, e1, ok = _descent(fl, al, bl, wl, x, rule)
+            if not ok:
+                return False
+            out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
+        for q in range(4):
+            values[1 + q, i] = out[q] * place[i, 2]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _series(values, cheb):
+    """Chebyshev coefficients (5, 16) of values at the Gauss nodes."""
+    for q in range(values.shape[0]):
+        for k in range(GAUSS):
+            total = 0.0
+            for i in range(GAUSS):
+                total += _TO_CHEB[k, i] * values[q, i]
+            cheb[q, k] = total
+
+
+@njit(cache=True, nogil=True)
+def _decay(c, d):
+    """(size of the last three coefficients of the pair c, d; factor per three degrees by which they fall).
+
+    The factor is the slower one of the last two steps and of the mean of three, so that one accidentally small group
+    does not look like convergence.
+    """
+    groups = np.zeros(4)
+    for k in range(GAUSS - 12, GAUSS):
+        groups[(k - GAUSS + 12) // 3] = max(groups[(k - GAUSS + 12) // 3], math.hypot(c[k], d[k]))
+    end = groups[3]
+    if end == 0.0:
+        return 0.0, 0.0
+    rate = max(end / max(groups[2], 1e-300), math.sqrt(end / max(groups[1], 1e-300)))
+    rate = max(rate, (end / max(groups[0], 1e-300)) ** (1.0 / 3.0))
+    return end, min(rate, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _tail(c, d):
+    """What lies beyond degree 15 of a series whose coefficients go on falling as the last ones do."""
+    end, rate = _decay(c, d)
+    return 2.0 * end * rate / (1.0 - min(rate, 0.8))
+
+
+@njit(cache=True, nogil=True)
+def _gauss_tail(c, d):
+    """What 16 Gauss points miss of a function with these Chebyshev coefficients: its part beyond degree 31.
+
+    Of the further five steps of three degrees that the fall would go on, three are believed.
+    """
+    end, rate = _decay(c, d)
+    return 4.0 * end * rate**3 / (1.0 - min(rate, 0.8))
+
+
+@njit(cache=True, nogil=True)
+def _add(values, cheb, power, pieces, sums, t, wt, work):
+    """Adds the integral over one piece: amplitude times exp(i 2π phase), interpolated where the phase asks for it."""
+    if pieces == 1:
+        for i in range(GAUSS):
+            turn = np.exp(_I2PI * (values[0, i] - math.floor(values[0, i])))
+            co, si = turn.real * _W[i], turn.imag * _W[i]
+            sums[0] += values[1, i] * co - values[2, i] * si
+            sums[1] += values[1, i] * si + values[2, i] * co
+            sums[2] += values[3, i] * co - values[4, i] * si
+            sums[3] += values[3, i] * si + values[4, i] * co
+        return
+    used = 1
+    for q in range(5):
+        size = 0.0
+        for k in range(GAUSS):
+            size = max(size, abs(cheb[q, k]))
+        for k in range(GAUSS):
+            if abs(cheb[q, k]) > 1e-17 * size:
+                used = max(used, k + 1)
+    for q in range(5):
+        for k in range(used):
+            total = 0.0
+            for j in range(k, used):
+                total += _TO_POWER[k, j] * cheb[q, j]
+            power[q, k] = total
+    count = 0
+    for p in range(pieces):
+        for g in range(GAUSS):
+            t[count] = -1.0 + (2.0 * p + 1.0 + _X[g]) / pieces
+            wt[count] = _W[g] / pieces
+            count += 1
+        if count == t.shape[0] or p == pieces - 1:
+            part = _wave(t[:count], wt[:count], power[0, :used], power[1, :used], power[2, :used], power[3, :used],
+                         power[4, :used], work[:, :count])  # fmt: skip
+            for q in range(4):
+                sums[q] += part[q]
+            count = 0
+
+
+@njit(cache=True, nogil=True)
+def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans_used):
+    """Adds ∮ Φ dy over one boundary panel to sums; returns (error, nodes, spans used, status).
+
+    sums (6,): Re, Im of the integral, the same with the further factor, ∫|amplitude|, largest |phase|. spans collects
+    the (y from, y to) of the parts that lie beyond the stationary point. status OK, DEEP (not resolved: another
+    mode, or a smaller box, has to be tried) or CROWDED.
+    """
+    n, m = f.shape[0], a.shape[0]
+    al, bl, wl, line = np.empty(m + 1), np.empty(m + 1), np.empty(m + 1), np.empty(n)
+    ends, level = np.empty((DEPTH + 4, 2)), np.empty(DEPTH + 4, np.int64)
+    ends[0, 0], ends[0, 1], level[0] = -1.0, 1.0, 0
+    top, error, nodes = 1, 0.0, 0
+    lines, place = np.empty((GAUSS, n)), np.empty((GAUSS, 5))
+    cls, delta = np.empty(GAUSS, np.int64), np.empty(GAUSS)
+    values, cheb, power = np.empty((5, GAUSS)), np.empty((5, GAUSS)), np.empty((5, GAUSS))
+    t, wt, work = np.empty(4 * GAUSS), np.empty(4 * GAUSS), np.empty((5, 4 * GAUSS))
+    wave, wave_cheb = np.empty((2, GAUSS)), np.empty((2, GAUSS))
+    while top > 0:
+        top -= 1
+        lo, hi, depth = ends[top, 0], ends[top, 1], level[top]
+        if not _locate(px, py, f, mode, bend_sign, stretch, lo, hi, lines, place, delta, cls):
+            return error, nodes, spans_used, DEEP
+        whole, one = RIGHT, True
+        if mode == SADDLE_MODE or mode == RADIAL_MODE:
+            whole, one = _side(place, delta, cls)
+        cut = math.nan
+        nodes += GAUSS
+        if not one:
+            cut = _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line)
+        elif not _values(a, b, w, mode, whole, lines, place, al, bl, wl, values):
+            # nodes that reach neither regime: only a smaller part of the boundary may
+            if mode == CURVE_MODE or hi - lo < 1e-3:
+                return error, nodes, spans_used, DEEP
+            cut = 0.5 * (lo + hi)
+        else:
+            _series(values, cheb)
+            largest, fastest, scale = 0.0, 0.0, 0.0
+            for i in range(GAUSS):
+                largest, scale = max(largest, math.hypot(values[1, i], values[2, i])), max(scale, abs(values[0, i]))
+                if i > 0:
+                    fastest = max(fastest, abs((values[0, i] - values[0, i - 1]) / (_X[i] - _X[i - 1])))
+            pieces = 1 + int(2.4 * fastest / CYCLES)
+            if pieces == 1:
+                for i in range(GAUSS):
+                    turn = np.exp(_I2PI * (values[0, i] - math.floor(values[0, i])))
+                    wave[0, i] = values[1, i] * turn.real - values[2, i] * turn.imag
+                    wave[1, i] = values[1, i] * turn.imag + values[2, i] * turn.real
+                _series(wave, wave_cheb)
+                here = _gauss_tail(wave_cheb[0], wave_cheb[1])
+            else:
+                here = 2.0 * (_tail(cheb[1], cheb[2]) + 2.0 * math.pi * largest * _tail(cheb[0], cheb[0]))
+            if here > tol and depth < DEPTH:
+                cut = 0.5 * (lo + hi)
+            elif here > 1e3 * tol:
+                return error, nodes, spans_used, DEEP
+            else:
+                error += here
+                sums[4] += 2.0 * largest
+                sums[5] = max(sums[5], scale)
+                if mode == SADDLE_MODE and whole == LEFT:
+                    if spans_used >= spans.shape[0]:
+                        return error, nodes, spans_used, CROWDED
+                    spans[spans_used, 0], spans[spans_used, 1] = _horner(py, lo), _horner(py, hi)
+                    spans_used += 1
+                nodes += pieces * GAUSS
+                _add(values, cheb, power, pieces, sums, t, wt, work)
+        if not math.isnan(cut):
+            if depth >= DEPTH or top + 2 > ends.shape[0]:
+                return error, nodes, spans_used, DEEP
+            ends[top, 0], ends[top, 1], level[top] = lo, cut, depth + 1
+            ends[top + 1, 0], ends[top + 1, 1], level[top + 1] = cut, hi, depth + 1
+            top += 2
+    return error, nodes, spans_used, OK
+
+
+@njit(cache=True, nogil=True)
+def _centre(f):
+    """Stationary point of f by Newton's method from the origin; (x, y, found), found within 2 of it."""
+    n, x, y = f.shape[0], 0.0, 0.0
+    for _ in range(30):
+        local = affine(f, x, y, 1.0, 0.0, 0.0, 1.0) if n <= 6 else _second_order(f, x, y)
+        gx, gy, hxx, hxy, hyy = local[1, 0], local[0, 1], 2.0 * local[2, 0], local[1, 1], 2.0 * local[0, 2]
+        det = hxx * hyy - hxy * hxy
+        if det <= 0.0:
+            return x, y, False
+        dx, dy = (hyy * gx - hxy * gy) / det, (hxx * gy - hxy * gx) / det
+        x -= dx
+        y -= dy
+        if not math.hypot(x, y) < 2.0:
+            return x, y, False
+        if math.hypot(dx, dy) < 1e-15:
+            return x, y, True
+    return x, y, math.hypot(dx, dy) < 1e-12
+
+
+@njit(cache=True, nogil=True)
+def _second_order(f, x, y):
+    """Taylor coefficients up to second order of f at a point, as a (3, 3) array."""
+    n, out = f.shape[0], np.zeros((3, 3))
+    for i in range(n - 1, -1, -1):
+        v0, v1, v2 = 0.0, 0.0, 0.0
+        for j in range(n - 1 - i, -1, -1):
+            v2 = v2 * y + v1
+            v1 = v1 * y + v0
+            v0 = v0 * y + f[i, j]
+        out[2, 0] = out[2, 0] * x + out[1, 0]
+        out[1, 0] = out[1, 0] * x + out[0, 0]
+        out[0, 0] = out[0, 0] * x + v0
+        out[1, 1] = out[1, 1] * x + out[0, 1]
+        out[0, 1] = out[0, 1] * x + v1
+        out[0, 2] = out[0, 2] * x + v2
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _centre_term(f, a, b, w, sums):
+    """Adds the stationary point's own term, ∮ C(θ) dθ over a full turn: trapezoidal rule, 16 against 32 rays.
+
+    Returns (error, ok). C is what ∫ from the centre and E exp(i 2π f) differ by along each ray; it hangs on θ alone.
+    """
+    n, m, rays = f.shape[0], a.shape[0], 32
+    fl, al, bl, wl = np.empty(n), np.zeros(m + 1), np.zeros(m + 1), np.zeros(m + 1)
+    out, half, full = np.zeros(4), np.zeros(4), np.zeros(4)
+    for k in range(rays):
+        c, s = math.cos(2.0 * math.pi * k / rays), math.sin(2.0 * math.pi * k / rays)
+        _polar(f, c, s, fl)
+        _polar(a, c, s, al[1:])
+        _polar(b, c, s, bl[:-1])
+        _polar(w, c, s, wl[:-1])
+        out[:] = 0.0
+        far = _away(fl, 0.0, 1.0, WAVES)
+        if math.isnan(far) or not _even_slope(fl, far):
+            return 0.0, False
+        if not _from_far(fl, al, bl, wl, 0.0, 1.0, 0.0, fl[0], out):
+            return 0.0, False
+        for q in range(4):
+            full[q] -= out[q] * 2.0 * math.pi / rays
+            if k % 2 == 0:
+                half[q] -= out[q] * 4.0 * math.pi / rays
+    turn = np.exp(_I2PI * (f[0, 0] - math.floor(f[0, 0])))
+    sums[0] += full[0] * turn.real - full[1] * turn.imag
+    sums[1] += full[0] * turn.imag + full[1] * turn.real
+    sums[2] += full[2] * turn.real - full[3] * turn.imag
+    sums[3] += full[2] * turn.imag + full[3] * turn.real
+    size = math.hypot(full[0], full[1])
+    # the rule converges geometrically: twice the rays square the relative error
+    change = math.hypot(full[0] - half[0], full[1] - half[1])
+    return min(change, 4.0 * change * change / max(size, 1e-300)), True
+
+
+@njit(cache=True, nogil=True)
+def _bernstein(coef, ru, rv, convert):
+    """(least, largest) Bernstein coefficient of a polynomial on |u| <= ru, |v| <= rv: bounds of its range."""
+    n = coef.shape[0]
+    scaled = np.zeros((n, n))
+    pu = 1.0
+    for i in range(n):
+        pv = 1.0
+        for j in range(n - i):
+            scaled[i, j] = coef[i, j] * pu * pv
+            pv *= rv
+        pu *= ru
+    half = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            total = 0.0
+            for j in range(n - i):
+                total += scaled[i, j] * convert[k, j]
+            half[i, k] = total
+    least, largest = 1e300, -1e300
+    for k in range(n):
+        for p in range(n):
+            total = 0.0
+            for i in range(n):
+                total += convert[p, i] * half[i, k]
+            least, largest = min(least, total), max(largest, total)
+    return least, largest
+
+
+@njit(cache=True, nogil=True)
+def _bernstein_matrix(n):
+    """(n, n) Bernstein coefficients on [-1, 1] of the powers t^j: convert[k, j]."""
+    d = n - 1
+    choose = np.zeros((n, n))
+    for i in range(n):
+        choose[i, 0] = 1.0
+        for j in range(1, i + 1):
+            choose[i, j] = choose[i - 1, j - 1] + (choose[i - 1, j] if j <= i - 1 else 0.0)
+    convert = np.zeros((n, n))
+    for j in range(n):
+        for q in range(j + 1):  # (2x - 1)^j = sum_q C(j, q) (2x)^q (-1)^(j - q)
+            c = choose[j, q] * 2.0**q * (-1.0) ** (j - q)
+            for k in range(q, n):
+                convert[k, j] += c * choose[k, q] / choose[d, q]
+    return convert
+
+
+@njit(cache=True, nogil=True)
+def _derivative_x(coef):
+    n = coef.shape[0]
+    out = np.zeros((n, n))
+    for i in range(1, n):
+        for j in range(n - i):
+            out[i - 1, j] = i * coef[i, j]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _choose(f, convert, waves):
+    """(mode, cosine, sine, sign of the second derivative, stretch) of the direction in which lines are integrated.
+
+    f in the box's own frame, |u|, |v| <= 1. Along the direction of the largest curvature lines may have one
+    stationary point if the second derivative keeps its sign; along the gradient they have none if the first does.
+    """
+    stretch = 1.0 + min(STRETCH - 1.0, 1.3 * math.sqrt(8.0 / max(waves, 1e-300)))
+    gx, gy = f[1, 0], f[0, 1]
+    hxx, hxy, hyy = 2.0 * f[2, 0], f[1, 1], 2.0 * f[0, 2]
+    angle = 0.5 * math.atan2(2.0 * hxy, hxx - hyy)
+    if abs(hxx + hyy) > 0.0 and hxx + hyy < 0.0:
+        angle += 0.5 * math.pi  # the other principal axis has the larger curvature
+    slope_angle = math.atan2(gy, gx)
+    for attempt in range(2):
+        turn = angle if attempt == 0 else slope_angle
+        c, s = math.cos(turn), math.sin(turn)
+        first = _derivative_x(affine(f, 0.0, 0.0, c, -s, s, c))
+        if attempt == 0:
+            low, high = _bernstein(_derivative_x(first), stretch, 1.0, convert)
+            margin = 0.04
+        else:
+            low, high = _bernstein(first, stretch, 1.0, convert)
+            margin = 0.3
+        if low > 0.0 and low >= margin * high:
+            return (SADDLE_MODE if attempt == 0 else SLOPE_MODE), c, s, 1.0, stretch
+        if high < 0.0 and -high >= margin * -low:
+            return (SADDLE_MODE if attempt == 0 else SLOPE_MODE), c, s, -1.0, stretch
+    return DIRECT_MODE, 1.0, 0.0, 1.0, stretch
+
+
+@njit(cache=True, nogil=True)
+def _box(panels, f, a, b, w, convert, tol, result):
+    """Adds one box's integral to result (8: Re, Im, Re1, Im1, error, ∫|Φ|, largest phase, nodes); False: cut it."""
+    cx, cy, radius = _middle(panels)
+    if radius == 0.0:
+        return True
+    own = affine(f, cx, cy, radius, 0.0, 0.0, radius)
+    low, high = _bernstein(own, 1.0, 1.0, convert)
+    waves = high - low
+    if waves <= DIRECT:
+        return _frame(panels, f, a, b, w, DIRECT_MODE, cx, cy, radius, 1.0, 0.0, 1.0, 1.0, tol, result)
+    x, y, found = _centre(own)
+    if found and _frame(panels, f, a, b, w, RADIAL_MODE, cx + radius * x, cy + radius * y, radius, 1.0, 0.0, 1.0, 1.0,
+                        tol, result):  # fmt: skip
+        return True
+    mode, c, s, bend_sign, stretch = _choose(own, convert, waves)
+    if mode == DIRECT_MODE:
+        return False
+    return _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, tol, result)
+
+
+@njit(cache=True, nogil=True)
+def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, tol, result):
+    """One box in one mode, in the frame centred on (cx, cy), of unit `radius`, turned by the angle of (c, s)."""
+    xu, xv, yu, yv = radius * c, -radius * s, radius * s, radius * c
+    lf = affine(f, cx, cy, xu, xv, yu, yv)
+    la, lb, lw = affine(a, cx, cy, xu, xv, yu, yv), affine(b, cx, cy, xu, xv, yu, yv), affine(w, cx, cy, xu, xv, yu, yv)
+    constant = lf[0, 0]
+    lf[0, 0] = 0.0
+    if mode == RADIAL_MODE:
+        lf[1, 0], lf[0, 1] = 0.0, 0.0  # zero to the rounding of the search for the centre
+    area = radius * radius
+    own_tol = tol / area
+    sums, spans, used = np.zeros(6), np.empty((512, 2)), 0
+    px, py = np.empty(panels.shape[2]), np.empty(panels.shape[2])
+    error, nodes, turned = 0.0, 0, 0.0
+    for k in range(panels.shape[0]):
+        for i in range(panels.shape[2]):
+            shift_x = cx if i == 0 else 0.0
+            shift_y = cy if i == 0 else 0.0
+            x, y = (panels[k, 0, i] - shift_x) / radius, (panels[k, 1, i] - shift_y) / radius
+            px[i], py[i] = c * x + s * y, -s * x + c * y
+        part, count, used, status = _panel(
+            px, py, lf, la, lb, lw, mode, bend_sign, stretch, own_tol, sums, spans, used
+        )
+        error += part
+        nodes += count
+        if status != OK:
+            return False
+        if mode == RADIAL_MODE:
+            turned += _turning(px, py)
+    if mode == RADIAL_MODE and round(turned / (2.0 * math.pi)) != 0:
+        part, ok = _centre_term(lf, la, lb, lw, sums)
+        error += part
+        if not ok:
+            return False
+    if used > 0:
+        part, count, status = _curves(spans[:used], lf, la, lb, lw, bend_sign, stretch, own_tol, sums)
+        error += part
+        nodes += count
+        if status != OK:
+            return False
+    turn = np.exp(_I2PI * (constant - math.floor(constant)))
+    result[0] += area * (sums[0] * turn.real - sums[1] * turn.imag)
+    result[1] += area * (sums[0] * turn.imag + sums[1] * turn.real)
+    result[2] += area * (sums[2] * turn.real - sums[3] * turn.imag)
+    result[3] += area * (sums[2] * turn.imag + sums[3] * turn.real)
+    result[4] += area * error
+    result[5] += area * sums[4]
+    result[6] = max(result[6], sums[5] + abs(constant))
+    result[7] += nodes
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _turning(px, py):
+    """Angle by which a panel turns about the origin, rad: by steps short enough not to be mistaken."""
+    total, steps = 0.0, 64
+    x0, y0 = _horner(px, -1.0), _horner(py, -1.0)
+    for i in range(1, steps + 1):
+        s = -1.0 + 2.0 * i / steps
+        x1, y1 = _horner(px, s), _horner(py, s)
+        total += math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+        x0, y0 = x1, y1
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums):
+    """Adds the stationary points' own terms: S exp(i 2π f(X(y), y)) over the y that the spans cover on balance.
+
+    S hangs on y alone, so that what the left boundary of a line adds and what another boundary of it takes away
+    cancel exactly: only the lines with a boundary on both sides of X remain.
+    """
+    count = spans.shape[0]
+    marks, steps = np.empty(2 * count), np.empty(2 * count)
+    for i in range(count):
+        marks[2 * i], steps[2 * i] = spans[i, 0], 1.0
+        marks[2 * i + 1], steps[2 * i + 1] = spans[i, 1], -1.0
+    order = np.argsort(marks)
+    px, py = np.zeros(2), np.zeros(2)
+    error, nodes, covered = 0.0, 0, 0.0
+    none = np.empty((0, 2))
+    part_sums = np.zeros(6)
+    i = 0
+    start = 0.0
+    while i < 2 * count:
+        y, before = marks[order[i]], covered
+        while i < 2 * count and marks[order[i]] - y <= 1e-14:
+            covered += steps[order[i]]
+            i += 1
+        if before != covered:
+            if before != 0.0:
+                py[0], py[1] = 0.5 * (start + y), 0.5 * (y - start)
+                part_sums[:] = 0.0
+                part, more, _, status = _panel(
+                    px, py, f, a, b, w, CURVE_MODE, bend_sign, stretch, tol, part_sums, none, 0
+                )
+                error += abs(before) * part
+                nodes += more
+                if status != OK:
+                    return error, nodes, status
+                for q in range(4):
+                    sums[q] += before * part_sums[q]
+                sums[4] += abs(before) * part_sums[4]
+                sums[5] = max(sums[5], part_sums[5])
+            start = y
+    return error, nodes, OK
+
+
+@njit(cache=True, nogil=True)
+def _middle(panels):
+    """Centre of the panels' bounding box and the largest distance of the boundary from it."""
+    lo_x, hi_x, lo_y, hi_y = 1e300, -1e300, 1e300, -1e300
+    for k in range(panels.shape[0]):
+        for i in range(-1, 9):
+            s = -1.0 if i < 0 else -0.75 + 0.25 * i
+            x, y = _horner(panels[k, 0], min(s, 1.0)), _horner(panels[k, 1], min(s, 1.0))
+            lo_x, hi_x, lo_y, hi_y = min(lo_x, x), max(hi_x, x), min(lo_y, y), max(hi_y, y)
+    cx, cy, radius = 0.5 * (lo_x + hi_x), 0.5 * (lo_y + hi_y), 0.0
+    for k in range(panels.shape[0]):
+        for i in range(-1, 9):
+            s = -1.0 if i < 0 else -0.75 + 0.25 * i
+            radius = max(radius, math.hypot(_horner(panels[k, 0], min(s, 1.0)) - cx,
+                                            _horner(panels[k, 1], min(s, 1.0)) - cy))  # fmt: skip
+    return cx, cy, 1.001 * radius
+
+
+@njit(cache=True, nogil=True)
+def _split(panels, axis, value):
+    """The region on both sides of a line (coordinate `axis` = value), as panels; (low, high, ok).
+
+    ok is False when the boundary crosses the line an odd number of times: it touches it within rounding.
+    """
+    count, d = panels.shape[0], panels.shape[2]
+    low, high = np.empty((2 * count + 64, 2, d)), np.empty((2 * count + 64, 2, d))
+    n_low, n_high, crossings, found = 0, 0, np.empty(64), 0
+    roots = np.empty(34)
+    for k in range(count):
+        c = panels[k, axis].copy()
+        c[0] -= value
+        used, s0 = 0, -1.0
+        f0 = _horner(c, s0)
+        for i in range(1, 17):
+            s1 = -1.0 + i / 8.0
+            f1 = _horner(c, s1)
+            if (f0 < 0.0) != (f1 < 0.0):
+                lo, hi = s0, s1
+                for _ in range(60):
+                    mid = 0.5 * (lo + hi)
+                    if (_horner(c, mid) < 0.0) == (f0 < 0.0):
+                        lo = mid
+                    else:
+                        hi = mid
+                roots[used] = 0.5 * (lo + hi)
+                used += 1
+                if found == crossings.size:
+                    return low[:0], high[:0], False
+                crossings[found] = _horner(panels[k, 1 - axis], roots[used - 1])
+                found += 1
+            s0, f0 = s1, f1
+        before = -1.0
+        for r in range(used + 1):
+            after = roots[r] if r < used else 1.0
+            below = _horner(c, 0.5 * (before + after)) < 0.0
+            if (n_low if below else n_high) >= 2 * count:
+                return low[:0], high[:0], False
+            for q in range(2):
+                part = low[n_low, q] if below else high[n_high, q]
+                _reparameter(panels[k, q], 0.5 * (before + after), 0.5 * (after - before), part)
+            if below:
+                n_low += 1
+            else:
+                n_high += 1
+            before = after
+    if found % 2:
+        return low[:0], high[:0], False
+    ordered = np.sort(crossings[:found])
+    for p in range(found // 2):
+        y0, y1 = ordered[2 * p], ordered[2 * p + 1]
+        up = axis == 0  # the low side has the line on its right (axis 0) or above it (axis 1)
+        for side in range(2):
+            part = low[n_low] if side == 0 else high[n_high]
+            part[:, :] = 0.0
+            part[axis, 0] = value
+            part[1 - axis, 0] = 0.5 * (y0 + y1)
+            part[1 - axis, 1] = 0.5 * (y1 - y0) * (1.0 if up == (side == 0) else -1.0)
+        n_low += 1
+        n_high += 1
+    return low[:n_low].copy(), high[:n_high].copy(), True
+
+
+@njit(cache=True, nogil=True)
+def _reparameter(c, mid, half, out):
+    """Powers of t of the polynomial c at s = mid + half t."""
+    d = c.shape[0]
+    out[:] = 0.0
+    for k in range(d - 1, -1, -1):
+        for i in range(d - 1, 0, -1):
+            out[i] = mid * out[i] + half * out[i - 1]
+        out[0] = mid * out[0] + c[k]
+
+
+@njit(cache=True, nogil=True)
+def integrate(panels, f, a, b, w, tol, most_boxes):
+    """Integral over the region of a b exp(i 2π f), and of w a b exp(i 2π f).
+
+    panels (K, 2, D): closed oriented boundary, the region to its left, powers of s in [-1, 1]. f (n, n) in cycles;
+    a, b, w (m, m). tol: absolute error asked of each boundary panel.
+
+    Returns (result (8,): Re, Im, Re and Im with w, error, ∫|amplitude| along the boundary, largest phase in cycles,
+    nodes; boxes; ok).
+    """
+    result, convert = np.zeros(8), _bernstein_matrix(f.shape[0])
+    stack = [panels]
+    boxes = 0
+    while len(stack) > 0:
+        here = stack.pop()
+        if here.shape[0] == 0:
+            continue
+        boxes += 1
+        if boxes > most_boxes:
+            return result, boxes, False
+        if _box(here, f, a, b, w, convert, tol, result):
+            continue
+        cx, cy, radius = _middle(here)
+        lo_x, hi_x, lo_y, hi_y = cx, cx, cy, cy
+        for k in range(here.shape[0]):
+            for i in range(9):
+                x, y = _horner(here[k, 0], -1.0 + 0.25 * i), _horner(here[k, 1], -1.0 + 0.25 * i)
+                lo_x, hi_x, lo_y, hi_y = min(lo_x, x), max(hi_x, x), min(lo_y, y), max(hi_y, y)
+        axis = 0 if hi_x - lo_x >= hi_y - lo_y else 1
+        size, centre = max(hi_x - lo_x, hi_y - lo_y), (cx if axis == 0 else cy)
+        done = False
+        for attempt in range(6):
+            # never through the middle of a symmetric pupil, where corners and stationary points like to stand
+            low, high, ok = _split(here, axis, centre + size * (0.0137 + 0.0211 * attempt))
+            if ok:
+                stack.append(low)
+                stack.append(high)
+                done = True
+                break
+        if not done:
+            return result, boxes, False
+    return result, boxes, True
+
+
+@njit(cache=True, nogil=True)
+def arc(cx, cy, radius, start, stop, count, out):
+    """Fills out (count, 2, D) with a circle's arc from angle start to stop, rad, in even panels: its Taylor series."""
+    d = out.shape[2]
+    for k in range(count):
+        half = 0.5 * (stop - start) / count
+        middle = start + (2 * k + 1) * half
+        c, s, term = math.cos(middle), math.sin(middle), radius
+        for i in range(d):
+            turn = i % 4
+            out[k, 0, i] = term * (c if turn == 0 else -s if turn == 1 else -c if turn == 2 else s)
+            out[k, 1, i] = term * (s if turn == 0 else c if turn == 1 else -s if turn == 2 else -c)
+            term *= half / (i + 1)
+        out[k, 0, 0] += cx
+        out[k, 1, 0] += cy
+
+
+@njit(cache=True, nogil=True)
+def circle_region(circles, signs, out):
+    """Boundary of the common inside of some circles (signs +1) without others (−1); panels in out, returns their number.
+
+    circles (C, 3): centre x, y, radius. Each corner is computed once and used by both circles that meet there.
+    """
+    count, total = circles.shape[0], 0
+    angles = np.empty(2 * count + 2)
+    for i in range(count):
+        xi, yi, ri = circles[i, 0], circles[i, 1], circles[i, 2]
+        found = 0
+        for j in range(count):
+            if i == j:
+                continue
+            p, q = min(i, j), max(i, j)
+            dx, dy = circles[q, 0] - circles[p, 0], circles[q, 1] - circles[p, 1]
+            d, rp, rq = math.hypot(dx, dy), circles[p, 2], circles[q, 2]
+            if d == 0.0:
+                continue
+            along = (d * d + (rp - rq) * (rp + rq)) / (2.0 * d)
+            across = (rp - along) * (rp + along)
+            if across <= 0.0:
+                continue
+            across = math.sqrt(across)
+            for side in (-1.0, 1.0):
+                x = circles[p, 0] + (along * dx - side * across * dy) / d
+                y = circles[p, 1] + (along * dy + side * across * dx) / d
+                angles[found] = math.atan2(y - yi, x - xi)
+                found += 1
+        if found == 0:
+            angles[0], angles[1], found = -math.pi, math.pi, 1
+        else:
+            angles[:found].sort()
+            angles[found] = angles[0] + 2.0 * math.pi
+        for k in range(found):
+            a0, a1 = angles[k], angles[k + 1]
+            if a1 - a0 < 1e-15:
+                continue
+            mx, my, inside = xi + ri * math.cos(0.5 * (a0 + a1)), yi + ri * math.sin(0.5 * (a0 + a1)), True
+            for j in range(count):
+                if j != i:
+                    gap = circles[j, 2] - math.hypot(mx - circles[j, 0], my - circles[j, 1])
+                    if gap * signs[j] <= 0.0:
+                        inside = False
+            if inside:
+                pieces = max(1, math.ceil((a1 - a0) / 0.8))
+                if total + pieces > out.shape[0]:
+                    return -1
+                if signs[i] > 0.0:
+                    arc(xi, yi, ri, a0, a1, pieces, out[total:])
+                else:
+                    arc(xi, yi, ri, a1, a0, pieces, out[total:])
+                total += pieces
+    return total
