@@ -7,9 +7,9 @@ Gauss–Laguerre nodes on the complex path of steepest descent (numerical steepe
 SIAM J. Numer. Anal. 44, 1026, 2006). Within WAVES of the line's stationary point X, Φ is integrated directly from the
 nearest point where E is good; beyond X, E exp(i 2π f) and Φ differ by the stationary point's own term S exp(i 2π f(X)).
 
-What remains are integrals along the boundary of (slow amplitude) × exp(i 2π φ), φ = f on the boundary or f(X): 16-point
-Gauss panels on interpolated amplitudes, a handful of nodes per wave of φ. The cost grows with the length of the boundary
-in waves, and with a factor of some ns only.
+What remains are integrals along the boundary of (slow amplitude) × exp(i 2π φ), φ = f on the boundary or f(X):
+16-point Gauss panels on interpolated amplitudes, a handful of nodes per wave of φ. The cost grows with the length of
+the boundary in waves, and with a factor of some ns only.
 
 A line may have one stationary point at most. Where the second derivative along every direction changes sign, or the
 polynomials run through too little phase for an asymptotic regime, the region is cut into boxes, each with its own
@@ -27,7 +27,7 @@ import numpy as np
 from numba import njit
 
 GAUSS = 16
-WAVES = 6.0  # distance from a stationary point, in waves, from which the steepest-descent amplitude is used
+WAVES = 4.0  # distance from a stationary point, in waves, from which the steepest-descent amplitude is used
 DIRECT = 10.0  # boxes with less phase than this (cycles, sum of coefficients) are integrated directly
 CYCLES = 3.0  # phase per Gauss panel
 STRETCH = 1.6  # part of a box, in half-widths, in which a line's stationary point is looked for
@@ -40,14 +40,15 @@ _TO_POWER = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
 for _k in range(GAUSS):
     _TO_POWER[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
 # Gauss-Laguerre rules, and the least distance P (rad of phase to the nearest saddle) from which each is used: the
-# error of n nodes on (1 + i p/P)^(-1/2), the amplitude of a quadratic phase, is (n!)²/P^(2n); here 1e-14.
+# error of n nodes on (1 + i p/P)^(-1/2), the amplitude of a quadratic phase, is below (n!)²/P^(2n); here 1e-12.
 _COUNTS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 16])
 _LAG_X, _LAG_W = np.zeros((_COUNTS.size, 16)), np.zeros((_COUNTS.size, 16))
 for _k, _n in enumerate(_COUNTS):
     _LAG_X[_k, :_n], _LAG_W[_k, :_n] = np.polynomial.laguerre.laggauss(int(_n))
-_REACH = np.array([(math.factorial(int(n)) ** 2 / 1e-14) ** (0.5 / int(n)) for n in _COUNTS])
+_LAG_X /= 2.0 * np.pi  # cycles
+_REACH = np.array([(math.factorial(int(n)) ** 2 / 1e-12) ** (0.5 / int(n)) for n in _COUNTS])
 # Panels between a stationary point and WAVES from it: fractions at which the quadratic phase turns evenly enough.
-_NEAR = np.array([0.0, 0.5, 0.77, 1.0])
+_NEAR = np.array([0.0, 0.62, 1.0])
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _I2PI = 2j * math.pi
@@ -112,37 +113,45 @@ def _restrict(coef, y, out):
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
-def _direct(x, w, fl, al, bl, wl, zero, phi, a, b, c):
-    """Sums of w a b exp(i 2π (f − zero)) and of the same times the further factor, over nodes x on one line.
+def _direct(lo, hi, fl, al, bl, wl, zero, ws):
+    """Integral from lo to hi of a b exp(i 2π (f − zero)), and of the same times the further factor, by 16 Gauss points.
 
     exp(i 2π r) by the half angle: sine and cosine of π r, |r| <= 1/2, from their Taylor series to rounding, so that
-    the loop has no branch and no library call and vectorises.
+    the loop has no branch and no library call and vectorises. ws (rows, 64): working space.
     """
-    size = x.shape[0]
-    for i in range(size):
-        phi[i], a[i], b[i], c[i] = 0.0, 0.0, 0.0, 0.0
+    x, phi, a, b = ws[0], ws[1], ws[2], ws[3]
+    middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
+    for i in range(GAUSS):
+        x[i], phi[i], a[i], b[i] = middle + half * _X[i], 0.0, 0.0, 0.0
     for k in range(fl.shape[0] - 1, -1, -1):
         p = fl[k]
-        for i in range(size):
+        for i in range(GAUSS):
             phi[i] = phi[i] * x[i] + p
     for k in range(al.shape[0] - 1, -1, -1):
-        p, q, r = al[k], bl[k], wl[k]
-        for i in range(size):
+        p, q = al[k], bl[k]
+        for i in range(GAUSS):
             a[i] = a[i] * x[i] + p
             b[i] = b[i] * x[i] + q
-            c[i] = c[i] * x[i] + r
-    re, im, re1, im1 = 0.0, 0.0, 0.0, 0.0
-    for i in range(size):
+    re, im = 0.0, 0.0
+    for i in range(GAUSS):
         turn = phi[i] - zero
-        r = (turn - math.floor(turn + 0.5)) * math.pi
-        sine, cosine = _half(r)
-        ab = a[i] * b[i] * w[i]
-        real, imag = ab * (1.0 - 2.0 * sine * sine), ab * 2.0 * sine * cosine
-        re += real
-        im += imag
-        re1 += real * c[i]
-        im1 += imag * c[i]
-    return re, im, re1, im1
+        sine, cosine = _half((turn - math.floor(turn + 0.5)) * math.pi)
+        ab = a[i] * b[i] * _W[i]
+        a[i], b[i] = ab * (1.0 - 2.0 * sine * sine), ab * 2.0 * sine * cosine
+        re += a[i]
+        im += b[i]
+    re1, im1 = 0.0, 0.0
+    if wl.shape[0] > 0:
+        for i in range(GAUSS):
+            phi[i] = 0.0
+        for k in range(wl.shape[0] - 1, -1, -1):
+            p = wl[k]
+            for i in range(GAUSS):
+                phi[i] = phi[i] * x[i] + p
+        for i in range(GAUSS):
+            re1 += a[i] * phi[i]
+            im1 += b[i] * phi[i]
+    return re * half, im * half, re1 * half, im1 * half
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST, inline="always")
@@ -175,31 +184,24 @@ def _half(r):
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
-def _wave(t, w, phase, re0, im0, re1, im1, work):
-    """Sums over nodes t of w (amplitude) exp(i 2π phase), two amplitudes; all given as powers of t."""
+def _wave(t, w, phase, re, im, turns, a, b):
+    """Sum over nodes t of w (re + i im) exp(i 2π phase), all three given as powers of t."""
     size = t.shape[0]
-    for q in range(5):
-        for i in range(size):
-            work[q, i] = 0.0
-    for k in range(phase.shape[0] - 1, -1, -1):
-        p, a, b, c, d = phase[k], re0[k], im0[k], re1[k], im1[k]
-        for i in range(size):
-            x = t[i]
-            work[0, i] = work[0, i] * x + p
-            work[1, i] = work[1, i] * x + a
-            work[2, i] = work[2, i] * x + b
-            work[3, i] = work[3, i] * x + c
-            work[4, i] = work[4, i] * x + d
-    sr0, si0, sr1, si1 = 0.0, 0.0, 0.0, 0.0
     for i in range(size):
-        r = (work[0, i] - math.floor(work[0, i] + 0.5)) * math.pi
-        sine, cosine = _half(r)
+        turns[i], a[i], b[i] = 0.0, 0.0, 0.0
+    for k in range(phase.shape[0] - 1, -1, -1):
+        p, q, r = phase[k], re[k], im[k]
+        for i in range(size):
+            turns[i] = turns[i] * t[i] + p
+            a[i] = a[i] * t[i] + q
+            b[i] = b[i] * t[i] + r
+    real, imag = 0.0, 0.0
+    for i in range(size):
+        sine, cosine = _half((turns[i] - math.floor(turns[i] + 0.5)) * math.pi)
         co, si = (1.0 - 2.0 * sine * sine) * w[i], 2.0 * sine * cosine * w[i]
-        sr0 += work[1, i] * co - work[2, i] * si
-        si0 += work[1, i] * si + work[2, i] * co
-        sr1 += work[3, i] * co - work[4, i] * si
-        si1 += work[3, i] * si + work[4, i] * co
-    return sr0, si0, sr1, si1
+        real += a[i] * co - b[i] * si
+        imag += a[i] * si + b[i] * co
+    return real, imag
 
 
 @njit(cache=True, nogil=True)
@@ -252,90 +254,136 @@ def _away(fl, x, side, waves):
 
 
 @njit(cache=True, nogil=True)
-def _distance(fl, x):
-    """Distance in rad of phase from x to the nearest saddle of the line, from the first three derivatives."""
-    d1, d2, d3 = 0.0, 0.0, 0.0
-    for k in range(fl.shape[0] - 1, 0, -1):
-        d1 = d1 * x + k * fl[k]
-    for k in range(fl.shape[0] - 1, 1, -1):
-        d2 = d2 * x + k * (k - 1) * fl[k]
-    for k in range(fl.shape[0] - 1, 2, -1):
-        d3 = d3 * x + k * (k - 1) * (k - 2) * fl[k]
-    reach = 1e300
-    if d2 != 0.0:
-        reach = min(reach, d1 * d1 / (2.0 * abs(d2)))
-    if d3 != 0.0:
-        reach = min(reach, 0.66 * abs(d1) * math.sqrt(abs(2.0 * d1 / d3)))
-    return 2.0 * math.pi * reach
+def _taylor(c, x, out):
+    """Taylor coefficients of the polynomial c at x."""
+    n = c.shape[0]
+    for k in range(n):
+        out[k] = c[k]
+    for i in range(n - 1):
+        for k in range(n - 2, i - 1, -1):
+            out[k] += x * out[k + 1]
 
 
 @njit(cache=True, nogil=True)
-def _descent(fl, al, bl, wl, x, rule):
-    """The slow amplitude E at x by one Gauss-Laguerre rule, times 1 and times the further factor; ok."""
-    f0, d1, d2 = _horner(fl, x), _slope(fl, x), 0.0
-    for k in range(fl.shape[0] - 1, 1, -1):
-        d2 = d2 * x + k * (k - 1) * fl[k]
-    e0, e1 = 0j, 0j
-    if d1 == 0.0:
-        return e0, e1, False
-    for j in range(_COUNTS[rule]):
-        target = 1j * _LAG_X[rule, j] / (2.0 * math.pi)
-        # start: the path of the quadratic through x
-        root = np.sqrt(d1 * d1 + 2.0 * d2 * target)
-        if (root.real < 0.0) != (d1 < 0.0):
-            root = -root
-        z = x + 2.0 * target / (d1 + root)
-        done = False
-        slope = 0j
-        for _ in range(12):
-            value, slope = 0j, 0j
-            for k in range(fl.shape[0] - 1, -1, -1):
-                slope = slope * z + value
-                value = value * z + fl[k]
-            if done:
-                break
-            step = (value - f0 - target) / slope
-            z -= step
-            size = abs(step.real) + abs(step.imag)
-            reach = abs(z.real - x) + abs(z.imag)
-            if not size <= 1e6:
-                return e0, e1, False
-            done = size <= 1e-7 * reach
-        if not done:
-            return e0, e1, False
-        a, b, c = 0j, 0j, 0j
-        for k in range(al.shape[0] - 1, -1, -1):
-            a = a * z + al[k]
-            b = b * z + bl[k]
-            c = c * z + wl[k]
-        term = _LAG_W[rule, j] * a * b / slope
-        e0 += term
-        e1 += term * c
-    return e0 / _I2PI, e1 / _I2PI, True
+def _rule(c):
+    """Index of the smallest Gauss-Laguerre rule that reaches 1e-12 where a line's phase has Taylor coefficients c.
 
-
-@njit(cache=True, nogil=True)
-def _rule(fl, x):
-    """Index of the smallest Gauss-Laguerre rule that reaches 1e-14 at x, and the next; -1 if none does."""
-    distance = 0.8 * _distance(fl, x)
+    By the distance in phase of the nearest saddle, from the first three derivatives, with a fifth of margin.
+    -1 if none does.
+    """
+    d1, distance = abs(c[1]), 1e300
+    if c.shape[0] > 2 and c[2] != 0.0:
+        distance = min(distance, d1 * d1 / (4.0 * abs(c[2])))
+    if c.shape[0] > 3 and c[3] != 0.0:
+        distance = min(distance, 0.66 * d1 * math.sqrt(d1 / (3.0 * abs(c[3]))))
+    distance *= 0.8 * 2.0 * math.pi
     for k in range(_COUNTS.size):
         if distance >= _REACH[k]:
             return k
     return -1
 
 
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _newton(c, target, count, ur, ui, sr, si, vr, vi):
+    """One Newton step of sum_{k>0} c_k u^k = i target for `count` nodes u at a time; returns largest |step|/|u|.
+
+    sr, si: the derivative before the step.
+    """
+    for j in range(count):
+        vr[j], vi[j], sr[j], si[j] = 0.0, 0.0, 0.0, 0.0
+    for k in range(c.shape[0] - 1, 0, -1):
+        p = c[k]
+        for j in range(count):
+            x, y = ur[j], ui[j]
+            # derivative and value by Horner: s = s u + v, v = v u + c
+            a, b = sr[j] * x - si[j] * y + vr[j], sr[j] * y + si[j] * x + vi[j]
+            sr[j], si[j] = a, b
+            a, b = vr[j] * x - vi[j] * y + p, vr[j] * y + vi[j] * x
+            vr[j], vi[j] = a, b
+    worst = 0.0
+    for j in range(count):
+        x, y = ur[j], ui[j]
+        # one more step: no constant term
+        a, b = sr[j] * x - si[j] * y + vr[j], sr[j] * y + si[j] * x + vi[j]
+        sr[j], si[j] = a, b
+        a, b = vr[j] * x - vi[j] * y, vr[j] * y + vi[j] * x - target[j]
+        size = sr[j] * sr[j] + si[j] * si[j]
+        dx, dy = (a * sr[j] + b * si[j]) / size, (b * sr[j] - a * si[j]) / size
+        ur[j] = x - dx
+        ui[j] = y - dy
+        worst = max(worst, (dx * dx + dy * dy) / (x * x + y * y))
+    return math.sqrt(worst)
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _at(c, count, zr, zi, vr, vi):
+    """Values of a real polynomial at complex points."""
+    for j in range(count):
+        vr[j], vi[j] = 0.0, 0.0
+    for k in range(c.shape[0] - 1, -1, -1):
+        p = c[k]
+        for j in range(count):
+            a, b = vr[j] * zr[j] - vi[j] * zi[j] + p, vr[j] * zi[j] + vi[j] * zr[j]
+            vr[j], vi[j] = a, b
+
+
 @njit(cache=True, nogil=True)
-def _span(fl, al, bl, wl, lo, hi, panels, zero, out):
-    """Adds to out the integral of a b exp(i 2π (f − zero)) from lo to hi in even panels (out: 4 sums); lo > hi is fine."""
-    x, w = np.empty(GAUSS), np.empty(GAUSS)
-    work = np.empty((4, GAUSS))
+def _descent(fl, al, bl, wl, x, ws):
+    """The slow amplitude E at x, times 1 and times the further factor; ok False where no rule reaches.
+
+    E = (1/2πi) ∫ a b / f' exp(−p) dp along the path f(z) = f(x) + i p/2π, all nodes of a rule at a time.
+    """
+    c = ws[4][: fl.shape[0]]
+    _taylor(fl, x, c)
+    rule = _rule(c)
+    if rule < 0 or c[1] == 0.0:
+        return 0j, 0j, False
+    count, d1 = _COUNTS[rule], c[1]
+    d2 = c[2] if fl.shape[0] > 2 else 0.0
+    ur, ui, sr, si, vr, vi = ws[5], ws[6], ws[7], ws[8], ws[9], ws[10]
+    target = _LAG_X[rule]
+    for j in range(count):
+        # start: the path of the quadratic through x, u = 2 i t / (d1 + sqrt(d1² + 4 i d2 t))
+        q = 4.0 * d2 * target[j]
+        re = math.sqrt(0.5 * (math.sqrt(d1 * d1 * d1 * d1 + q * q) + d1 * d1))
+        im = 0.5 * q / re
+        if d1 < 0.0:
+            re, im = -re, -im
+        re += d1
+        size = re * re + im * im
+        ur[j], ui[j] = 2.0 * target[j] * im / size, 2.0 * target[j] * re / size
+    step = 1.0
+    for _ in range(12):
+        step = _newton(c, target, count, ur, ui, sr, si, vr, vi)
+        if step <= 1e-6 or not step < 1e6:
+            break
+    if not step <= 1e-6:
+        return 0j, 0j, False
+    _newton(c, target, count, ur, ui, sr, si, vr, vi)  # for the derivative at the place
+    for j in range(count):
+        ur[j] += x
+    ar, ai, br, bi = ws[11], ws[12], ws[13], ws[14]
+    _at(al, count, ur, ui, ar, ai)
+    _at(bl, count, ur, ui, br, bi)
+    e0, e1 = 0j, 0j
+    for j in range(count):
+        size = sr[j] * sr[j] + si[j] * si[j]
+        re, im = ar[j] * br[j] - ai[j] * bi[j], ar[j] * bi[j] + ai[j] * br[j]
+        weight = _LAG_W[rule, j] / size
+        ar[j], ai[j] = weight * (re * sr[j] + im * si[j]), weight * (im * sr[j] - re * si[j])
+        e0 += complex(ar[j], ai[j])
+    if wl.shape[0] > 0:
+        _at(wl, count, ur, ui, br, bi)
+        for j in range(count):
+            e1 += complex(ar[j], ai[j]) * complex(br[j], bi[j])
+    return e0 / _I2PI, e1 / _I2PI, True
+
+
+@njit(cache=True, nogil=True)
+def _span(fl, al, bl, wl, lo, hi, panels, zero, out, ws):
+    """Adds to out the integral of a b exp(i 2π (f − zero)) from lo to hi in even panels (4 sums); lo > hi is fine."""
     for p in range(panels):
-        a = lo + (hi - lo) * p / panels
-        b = lo + (hi - lo) * (p + 1) / panels
-        for g in range(GAUSS):
-            x[g] = 0.5 * (a + b) + 0.5 * (b - a) * _X[g]
-            w[g] = 0.5 * (b - a) * _W[g]
-        part = _direct(x, w, fl, al, bl, wl, zero, work[0], work[1], work[2], work[3])
+        part = _direct(lo + (hi - lo) * p / panels, lo + (hi - lo) * (p + 1) / panels, fl, al, bl, wl, zero, ws)
         for q in range(4):
             out[q] += part[q]
 
@@ -350,56 +398,40 @@ def _steep(fl, lo, hi):
 
 
 @njit(cache=True, nogil=True)
-def _from_far(fl, al, bl, wl, at, side, x, zero, out):
-    """Φ exp(−i 2π zero) at x: E at the point WAVES away on one side of the stationary point `at`, and from there directly.
-
-    out: 4 sums. Returns False when the asymptotic regime is not reached on that side.
+def _from_far(fl, al, bl, wl, at, x, zero, out, ws):
+    """Φ exp(−i 2π zero) at x: E at the point WAVES away to the right of the stationary point `at`, and from there
+    directly. out: 4 sums. Returns False when the asymptotic regime is not reached there.
     """
-    far = _away(fl, at, side, WAVES)
+    far = _away(fl, at, 1.0, WAVES)
     if math.isnan(far):
         return False
-    rule = _rule(fl, far)
-    if rule < 0:
-        return False
-    e0, e1, ok = _descent(fl, al, bl, wl, far, rule)
+    e0, e1, ok = _descent(fl, al, bl, wl, far, ws)
     if not ok:
         return False
     turn = np.exp(_I2PI * (_horner(fl, far) - zero))
     e0, e1 = e0 * turn, e1 * turn
     out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
-    if (x - at) * side > 0.0:  # on the same side: only the way between
-        lo = min(max((x - at) / (far - at), 0.0), 1.0)
-        _walk(fl, al, bl, wl, at, far, lo, zero, out)
-        if (x - far) * side > 0.0:
-            _span(fl, al, bl, wl, far, x, 1, zero, out)
-    else:
-        _walk(fl, al, bl, wl, at, far, 0.0, zero, out)
-        back = np.zeros(4)
-        if x != at:
-            _walk(fl, al, bl, wl, at, x, 0.0, zero, back)  # from x to `at`, sign turned below
-            for q in range(4):
-                out[q] -= back[q]
+    if x > far:
+        _span(fl, al, bl, wl, far, x, 1, zero, out, ws)
+        return True
+    start = max((x - at) / (far - at), 0.0)
+    for k in range(_NEAR.size - 1, 0, -1):
+        if _NEAR[k] > start:
+            stop = at + (far - at) * max(_NEAR[k - 1], start)
+            _span(fl, al, bl, wl, at + (far - at) * _NEAR[k], stop, 1, zero, out, ws)
+    if x < at:
+        for k in range(1, _NEAR.size):
+            _span(fl, al, bl, wl, at + (x - at) * _NEAR[k - 1], at + (x - at) * _NEAR[k], 1, zero, out, ws)
     return True
 
 
 @njit(cache=True, nogil=True)
-def _walk(fl, al, bl, wl, at, far, start, zero, out):
-    """Adds the integral from `far` back to the fraction `start` of the way from the stationary point `at` to it."""
-    for k in range(_NEAR.size - 1, 0, -1):
-        if _NEAR[k] > start:
-            _span(fl, al, bl, wl, at + (far - at) * _NEAR[k], at + (far - at) * max(_NEAR[k - 1], start), 1, zero, out)
-
-
-@njit(cache=True, nogil=True)
-def _stationary_term(fl, al, bl, wl, at, zero, out):
-    """S exp(−i 2π zero): what Φ − E exp(i 2π f) is beyond (to the left of) the stationary point; False if not reached."""
+def _stationary_term(fl, al, bl, wl, at, zero, out, ws):
+    """S exp(−i 2π zero): what Φ − E exp(i 2π f) is to the left of the stationary point; False if not reached."""
     far = _away(fl, at, -1.0, WAVES)
-    if math.isnan(far):
+    if math.isnan(far) or not _from_far(fl, al, bl, wl, at, far, zero, out, ws):
         return False
-    rule = _rule(fl, far)
-    if rule < 0 or not _from_far(fl, al, bl, wl, at, 1.0, far, zero, out):
-        return False
-    e0, e1, ok = _descent(fl, al, bl, wl, far, rule)
+    e0, e1, ok = _descent(fl, al, bl, wl, far, ws)
     turn = np.exp(_I2PI * (_horner(fl, far) - zero))
     e0, e1 = e0 * turn, e1 * turn
     out[0] -= e0.real
@@ -543,7 +575,23 @@ def _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line):
 
 
 @njit(cache=True, nogil=True)
-def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values):
+def _lines(a, b, w, mode, c, s, al, bl, wl):
+    """Amplitudes along a line at height s, or along the ray (c, s) with the r of the area element r dr dθ."""
+    al[:], bl[:] = 0.0, 0.0
+    if mode == RADIAL_MODE:
+        _polar(a, c, s, al[1:])
+        _polar(b, c, s, bl[:-1])
+        if wl.shape[0] > 0:
+            _polar(w, c, s, wl)
+    else:
+        _restrict(a, s, al[:-1])
+        _restrict(b, s, bl[:-1])
+        if wl.shape[0] > 0:
+            _restrict(w, s, wl)
+
+
+@njit(cache=True, nogil=True)
+def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
     """Phase and amplitudes (5, 16) of Φ dy at the nodes; False where the asymptotic regime is not reached.
 
     values: phase in cycles; Re and Im of the amplitude; the same times the further factor.
@@ -551,36 +599,25 @@ def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values):
     out = np.zeros(4)
     for i in range(GAUSS):
         fl, x, at = lines[i], place[i, 0], place[i, 3]
-        al[:], bl[:], wl[:] = 0.0, 0.0, 0.0
-        if mode == RADIAL_MODE:  # the area element r dr dθ: one power of r more in the amplitude
-            _polar(a, place[i, 4], place[i, 1], al[1:])
-            _polar(b, place[i, 4], place[i, 1], bl[:-1])
-            _polar(w, place[i, 4], place[i, 1], wl[:-1])
-        else:
-            _restrict(a, place[i, 1], al[:-1])
-            _restrict(b, place[i, 1], bl[:-1])
-            _restrict(w, place[i, 1], wl[:-1])
+        _lines(a, b, w, mode, place[i, 4], place[i, 1], al, bl, wl)
         out[:] = 0.0
         values[0, i] = 0.0
         if mode == DIRECT_MODE:
             turns = _steep(fl, min(0.0, x), max(0.0, x)) * abs(x)
-            _span(fl, al, bl, wl, 0.0, x, 1 + int(turns / CYCLES), 0.0, out)
+            _span(fl, al, bl, wl, 0.0, x, 1 + int(turns / CYCLES), 0.0, out, ws)
         elif mode == CURVE_MODE or whole == NEAR:
             if math.isnan(at):
                 return False
             values[0, i] = _horner(fl, at)
             if mode == CURVE_MODE:
-                ok = _stationary_term(fl, al, bl, wl, at, values[0, i], out)
+                ok = _stationary_term(fl, al, bl, wl, at, values[0, i], out, ws)
             else:
-                ok = _from_far(fl, al, bl, wl, at, 1.0, x, values[0, i], out)
+                ok = _from_far(fl, al, bl, wl, at, x, values[0, i], out, ws)
             if not ok:
                 return False
         else:
             values[0, i] = _horner(fl, x)
-            rule = _rule(fl, x)
-            if rule < 0:
-                return False
-            e0, e1, ok = _descent(fl, al, bl, wl, x, rule)
+            e0, e1, ok = _descent(fl, al, bl, wl, x, ws)
             if not ok:
                 return False
             out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
@@ -636,7 +673,7 @@ def _gauss_tail(c, d):
 
 
 @njit(cache=True, nogil=True)
-def _add(values, cheb, power, pieces, sums, t, wt, work):
+def _add(values, cheb, power, pieces, sums, ws):
     """Adds the integral over one piece: amplitude times exp(i 2π phase), interpolated where the phase asks for it."""
     if pieces == 1:
         for i in range(GAUSS):
@@ -647,7 +684,7 @@ def _add(values, cheb, power, pieces, sums, t, wt, work):
             sums[2] += values[3, i] * co - values[4, i] * si
             sums[3] += values[3, i] * si + values[4, i] * co
         return
-    used = 1
+    used, further = 1, 0.0
     for q in range(5):
         size = 0.0
         for k in range(GAUSS):
@@ -655,28 +692,32 @@ def _add(values, cheb, power, pieces, sums, t, wt, work):
         for k in range(GAUSS):
             if abs(cheb[q, k]) > 1e-17 * size:
                 used = max(used, k + 1)
+        if q > 2:
+            further = max(further, size)
     for q in range(5):
         for k in range(used):
             total = 0.0
             for j in range(k, used):
                 total += _TO_POWER[k, j] * cheb[q, j]
             power[q, k] = total
-    count = 0
+    t, wt, turns, are, aim = ws[15], ws[16], ws[17], ws[18], ws[19]
+    count, longest = 0, ws.shape[1]
     for p in range(pieces):
         for g in range(GAUSS):
             t[count] = -1.0 + (2.0 * p + 1.0 + _X[g]) / pieces
             wt[count] = _W[g] / pieces
             count += 1
-        if count == t.shape[0] or p == pieces - 1:
-            part = _wave(t[:count], wt[:count], power[0, :used], power[1, :used], power[2, :used], power[3, :used],
-                         power[4, :used], work[:, :count])  # fmt: skip
-            for q in range(4):
-                sums[q] += part[q]
+        if count == longest or p == pieces - 1:
+            for channel in range(2 if further > 0.0 else 1):
+                re, im = _wave(t[:count], wt[:count], power[0, :used], power[1 + 2 * channel, :used],
+                               power[2 + 2 * channel, :used], turns, are, aim)  # fmt: skip
+                sums[2 * channel] += re
+                sums[2 * channel + 1] += im
             count = 0
 
 
 @njit(cache=True, nogil=True)
-def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans_used):
+def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans_used, ws):
     """Adds ∮ Φ dy over one boundary panel to sums; returns (error, nodes, spans used, status).
 
     sums (6,): Re, Im of the integral, the same with the further factor, ∫|amplitude|, largest |phase|. spans collects
@@ -684,14 +725,13 @@ def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans
     mode, or a smaller box, has to be tried) or CROWDED.
     """
     n, m = f.shape[0], a.shape[0]
-    al, bl, wl, line = np.empty(m + 1), np.empty(m + 1), np.empty(m + 1), np.empty(n)
+    al, bl, wl, line = np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0]), np.empty(n)
     ends, level = np.empty((DEPTH + 4, 2)), np.empty(DEPTH + 4, np.int64)
     ends[0, 0], ends[0, 1], level[0] = -1.0, 1.0, 0
     top, error, nodes = 1, 0.0, 0
     lines, place = np.empty((GAUSS, n)), np.empty((GAUSS, 5))
     cls, delta = np.empty(GAUSS, np.int64), np.empty(GAUSS)
     values, cheb, power = np.empty((5, GAUSS)), np.empty((5, GAUSS)), np.empty((5, GAUSS))
-    t, wt, work = np.empty(4 * GAUSS), np.empty(4 * GAUSS), np.empty((5, 4 * GAUSS))
     wave, wave_cheb = np.empty((2, GAUSS)), np.empty((2, GAUSS))
     while top > 0:
         top -= 1
@@ -705,7 +745,7 @@ def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans
         nodes += GAUSS
         if not one:
             cut = _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line)
-        elif not _values(a, b, w, mode, whole, lines, place, al, bl, wl, values):
+        elif not _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
             # nodes that reach neither regime: only a smaller part of the boundary may
             if mode == CURVE_MODE or hi - lo < 1e-3:
                 return error, nodes, spans_used, DEEP
@@ -741,7 +781,7 @@ def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans
                     spans[spans_used, 0], spans[spans_used, 1] = _horner(py, lo), _horner(py, hi)
                     spans_used += 1
                 nodes += pieces * GAUSS
-                _add(values, cheb, power, pieces, sums, t, wt, work)
+                _add(values, cheb, power, pieces, sums, ws)
         if not math.isnan(cut):
             if depth >= DEPTH or top + 2 > ends.shape[0]:
                 return error, nodes, spans_used, DEEP
@@ -791,25 +831,23 @@ def _second_order(f, x, y):
 
 
 @njit(cache=True, nogil=True)
-def _centre_term(f, a, b, w, sums):
+def _centre_term(f, a, b, w, sums, ws):
     """Adds the stationary point's own term, ∮ C(θ) dθ over a full turn: trapezoidal rule, 16 against 32 rays.
 
     Returns (error, ok). C is what ∫ from the centre and E exp(i 2π f) differ by along each ray; it hangs on θ alone.
     """
     n, m, rays = f.shape[0], a.shape[0], 32
-    fl, al, bl, wl = np.empty(n), np.zeros(m + 1), np.zeros(m + 1), np.zeros(m + 1)
+    fl, al, bl, wl = np.empty(n), np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0])
     out, half, full = np.zeros(4), np.zeros(4), np.zeros(4)
     for k in range(rays):
         c, s = math.cos(2.0 * math.pi * k / rays), math.sin(2.0 * math.pi * k / rays)
         _polar(f, c, s, fl)
-        _polar(a, c, s, al[1:])
-        _polar(b, c, s, bl[:-1])
-        _polar(w, c, s, wl[:-1])
+        _lines(a, b, w, RADIAL_MODE, c, s, al, bl, wl)
         out[:] = 0.0
         far = _away(fl, 0.0, 1.0, WAVES)
         if math.isnan(far) or not _even_slope(fl, far):
             return 0.0, False
-        if not _from_far(fl, al, bl, wl, 0.0, 1.0, 0.0, fl[0], out):
+        if not _from_far(fl, al, bl, wl, 0.0, 0.0, fl[0], out, ws):
             return 0.0, False
         for q in range(4):
             full[q] -= out[q] * 2.0 * math.pi / rays
@@ -949,7 +987,7 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
     own_tol = tol / area
     sums, spans, used = np.zeros(6), np.empty((512, 2)), 0
     px, py = np.empty(panels.shape[2]), np.empty(panels.shape[2])
-    error, nodes, turned = 0.0, 0, 0.0
+    error, nodes, turned, ws = 0.0, 0, 0.0, np.empty((20, 4 * GAUSS))
     for k in range(panels.shape[0]):
         for i in range(panels.shape[2]):
             shift_x = cx if i == 0 else 0.0
@@ -957,7 +995,7 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
             x, y = (panels[k, 0, i] - shift_x) / radius, (panels[k, 1, i] - shift_y) / radius
             px[i], py[i] = c * x + s * y, -s * x + c * y
         part, count, used, status = _panel(
-            px, py, lf, la, lb, lw, mode, bend_sign, stretch, own_tol, sums, spans, used
+            px, py, lf, la, lb, lw, mode, bend_sign, stretch, own_tol, sums, spans, used, ws
         )
         error += part
         nodes += count
@@ -966,12 +1004,12 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
         if mode == RADIAL_MODE:
             turned += _turning(px, py)
     if mode == RADIAL_MODE and round(turned / (2.0 * math.pi)) != 0:
-        part, ok = _centre_term(lf, la, lb, lw, sums)
+        part, ok = _centre_term(lf, la, lb, lw, sums, ws)
         error += part
         if not ok:
             return False
     if used > 0:
-        part, count, status = _curves(spans[:used], lf, la, lb, lw, bend_sign, stretch, own_tol, sums)
+        part, count, status = _curves(spans[:used], lf, la, lb, lw, bend_sign, stretch, own_tol, sums, ws)
         error += part
         nodes += count
         if status != OK:
@@ -1002,7 +1040,7 @@ def _turning(px, py):
 
 
 @njit(cache=True, nogil=True)
-def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums):
+def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums, ws):
     """Adds the stationary points' own terms: S exp(i 2π f(X(y), y)) over the y that the spans cover on balance.
 
     S hangs on y alone, so that what the left boundary of a line adds and what another boundary of it takes away
@@ -1030,7 +1068,7 @@ def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums):
                 py[0], py[1] = 0.5 * (start + y), 0.5 * (y - start)
                 part_sums[:] = 0.0
                 part, more, _, status = _panel(
-                    px, py, f, a, b, w, CURVE_MODE, bend_sign, stretch, tol, part_sums, none, 0
+                    px, py, f, a, b, w, CURVE_MODE, bend_sign, stretch, tol, part_sums, none, 0, ws
                 )
                 error += abs(before) * part
                 nodes += more
@@ -1142,7 +1180,7 @@ def integrate(panels, f, a, b, w, tol, most_boxes):
     """Integral over the region of a b exp(i 2π f), and of w a b exp(i 2π f).
 
     panels (K, 2, D): closed oriented boundary, the region to its left, powers of s in [-1, 1]. f (n, n) in cycles;
-    a, b, w (m, m). tol: absolute error asked of each boundary panel.
+    a, b (m, m); w (k, k), k = 0 for none. tol: absolute error asked of each boundary panel.
 
     Returns (result (8,): Re, Im, Re and Im with w, error, ∫|amplitude| along the boundary, largest phase in cycles,
     nodes; boxes; ok).
@@ -1159,7 +1197,7 @@ def integrate(panels, f, a, b, w, tol, most_boxes):
             return result, boxes, False
         if _box(here, f, a, b, w, convert, tol, result):
             continue
-        cx, cy, radius = _middle(here)
+        cx, cy, _ = _middle(here)
         lo_x, hi_x, lo_y, hi_y = cx, cx, cy, cy
         for k in range(here.shape[0]):
             for i in range(9):
@@ -1200,7 +1238,7 @@ def arc(cx, cy, radius, start, stop, count, out):
 
 @njit(cache=True, nogil=True)
 def circle_region(circles, signs, out):
-    """Boundary of the common inside of some circles (signs +1) without others (−1); panels in out, returns their number.
+    """Boundary of the common inside of some circles (signs +1) without others (−1): panels in out, their number.
 
     circles (C, 3): centre x, y, radius. Each corner is computed once and used by both circles that meet there.
     """
@@ -1252,3 +1290,26 @@ def circle_region(circles, signs, out):
                     arc(xi, yi, ri, a1, a0, pieces, out[total:])
                 total += pieces
     return total
+
+
+@njit(cache=True, nogil=True)
+def circular_pair(f, shift_x, shift_y, obscuration, tol, most_boxes):
+    """``integrate`` of exp(i 2π f) over the common part of two unit pupils, about (0, 0) and about the shift.
+
+    f (5, 5): cycles, powers about the centre of the shifted pupil. Both pupils carry the central obscuration.
+    """
+    circles, signs = np.empty((4, 3)), np.empty(4)
+    count = 0
+    for which in range(2):
+        if which == 1 and shift_x == 0.0 and shift_y == 0.0:
+            continue
+        for ring in range(2):
+            if ring == 1 and obscuration == 0.0:
+                continue
+            circles[count, 0], circles[count, 1] = which * shift_x, which * shift_y
+            circles[count, 2], signs[count] = (1.0, 1.0) if ring == 0 else (obscuration, -1.0)
+            count += 1
+    panels, one, none = np.empty((128, 2, GAUSS)), np.ones((1, 1)), np.empty((0, 0))
+    used = circle_region(circles[:count].copy(), signs[:count].copy(), panels)
+    shifted = affine(f, -shift_x, -shift_y, 1.0, 0.0, 0.0, 1.0)
+    return integrate(panels[:used].copy(), shifted, one, one, none, tol, most_boxes)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from cgi_wave.errors import InputError
+from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.wave.basis import Array
 from cgi_wave.wave.field import PupilField
+from cgi_wave.wave.methods.base import Estimate
 from cgi_wave.wave.region import Support
+from cgi_wave.wave.stokes import METHOD, circular_pair
 
 _SOURCE = "contrast"
 
@@ -57,6 +60,14 @@ class HopkinsPair:
         rr = x * x + y * y
         return rr * (self.w020 + self.w040 * rr + self.w131 * y) + y * (self.w222 * y + self.w111)
 
+    def powers(self) -> Array:
+        """W in waves as powers (5, 5) of (x, y) about beam m's own centre."""
+        w = np.zeros((5, 5))
+        w[2, 0], w[0, 2] = self.w020, self.w020 + self.w222
+        w[4, 0], w[2, 2], w[0, 4] = self.w040, 2.0 * self.w040, self.w040
+        w[2, 1], w[0, 3], w[0, 1] = self.w131, self.w131, self.w111
+        return w
+
     def pupil_fields(self) -> tuple[PupilField, PupilField]:
         """Beams m and l as pupil fields over a dimensionless coordinate, for sigma = 1/m: one wave is one metre."""
         w = np.zeros((5, 5))  # Chebyshev products: t² = (1 + T2)/2, t³ = (3 T1 + T3)/4, t⁴ = (3 + 4 T2 + T4)/8
@@ -97,6 +108,25 @@ class HopkinsPair:
             0.0,
             4,
         )
+
+
+def contrast(pair: HopkinsPair, tol: float = 1e-8) -> Estimate:
+    """γ of a pair of circular pupils by boundary integrals, with an error bound of at most ``tol`` (absolute).
+
+    Pupils that do not meet give exactly 0. Raises InputError for a tolerance outside [1e-14, 1), MethodLimitError where
+    rounding, or the number of boxes, does not let the bound come down to ``tol``.
+    """
+    started = time.perf_counter()
+    if not 1e-14 <= tol < 1.0:
+        raise InputError(_SOURCE, "tol", tol, "outside [1e-14, 1): double precision ends there", "give 1e-8, say")
+    if math.hypot(pair.shift_x, pair.shift_y) >= 2.0:
+        return Estimate(0j, 0.0, "no shared support", 0, time.perf_counter() - started)
+    found = circular_pair(pair.powers(), (pair.shift_x, pair.shift_y), pair.obscuration, tol * pair.power)
+    error = found.error / pair.power
+    if error > tol:
+        raise MethodLimitError(METHOD, f"error bound {error:.2g} for a tolerance of {tol:.2g}", error / tol,
+                               f"ask for {error:.2g}")  # fmt: skip
+    return Estimate(found.value / pair.power, error, METHOD, found.nodes, time.perf_counter() - started)
 
 
 def _rescale(coef: Array, reach: float) -> Array:

@@ -1,0 +1,80 @@
+"""Overlap integrals whose cost hardly grows with defocus: boundary integrals by Stokes' theorem and steepest descent.
+
+The kernel (``cgi_wave.kernels.stokes``) says how. Here is what its error bound is made of, and when it is tried again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cgi_wave.errors import MethodLimitError
+from cgi_wave.kernels import stokes
+from cgi_wave.wave.basis import Array
+
+METHOD = "boundary integral, steepest descent"
+BOXES = 4000  # boxes into which a region is cut at most
+DESCENT = 3e-13  # relative error of an antiderivative by steepest descent: rules are chosen for 1e-14 (see the kernel)
+ROUNDING = 2.0 * 2.0 * np.pi * 2.3e-16  # rad per cycle of phase: two roundings of the phase polynomial at its full size
+FLOOR = 1e-14  # share of the integral of the amplitude below which rounding of the sums is not resolved
+SHARE = 1.0 / 16.0  # part of the tolerance that one boundary panel may take; few come near it
+_TRIES = 3
+
+
+@dataclass(frozen=True)
+class BoundaryIntegral:
+    """∫ a b exp(i 2π f) d²x over a region, and the same with a further factor, in frame units; error bounds the first.
+
+    nodes : boundary nodes; boxes : pieces into which the region was cut (1: none)
+    """
+
+    value: complex
+    weighted: complex
+    error: float
+    nodes: int
+    boxes: int
+
+
+def boundary_integral(curves: Array, phase: Array, a: Array, b: Array, weight: Array, tol: float) -> BoundaryIntegral:
+    """Integral over the region that ``curves`` (C, 2, D; powers of s in [-1, 1], region to their left) enclose.
+
+    phase (n, n) in cycles, a, b, weight (m, m): powers of the frame's coordinates; tol: absolute, frame units.
+
+    The bound holds the interpolation and quadrature error of every boundary panel (from the fall of its Chebyshev
+    coefficients), DESCENT and rounding; it is what was reached, and may exceed ``tol`` when rounding asks for more.
+    Raises MethodLimitError when the region would have to be cut into more than BOXES pieces.
+    """
+    arrays = [np.ascontiguousarray(x) for x in (curves, phase, a, b, weight)]
+    return _refined(lambda share: stokes.integrate(*arrays, share, BOXES), tol)
+
+
+def circular_pair(phase: Array, shift: tuple[float, float], obscuration: float, tol: float) -> BoundaryIntegral:
+    """∫ exp(i 2π f) over the common part of two (annular) unit pupils; phase (5, 5): powers about the shifted one.
+
+    Lengths are pupil radii; otherwise as ``boundary_integral``.
+    """
+    return _refined(lambda share: stokes.circular_pair(phase, *shift, obscuration, share, BOXES), tol)
+
+
+def _refined(run: Callable[[float], tuple[Any, int, bool]], tol: float) -> BoundaryIntegral:
+    share = SHARE * tol
+    for _ in range(_TRIES):
+        result, boxes, ok = run(share)
+        if not ok:
+            raise MethodLimitError(
+                METHOD,
+                f"the region would have to be cut into more than {BOXES} boxes (or its boundary touches a cut)",
+                boxes / BOXES,
+                "ask for a larger tolerance, or use boundary-fitted Gauss panels",
+            )
+        if result[4] <= tol:
+            break
+        share *= 0.5 * tol / result[4]
+    amplitude = result[5]
+    error = result[4] + (DESCENT + ROUNDING * result[6] + FLOOR) * amplitude
+    return BoundaryIntegral(
+        complex(result[0], result[1]), complex(result[2], result[3]), float(error), int(result[7]), int(boxes)
+    )
