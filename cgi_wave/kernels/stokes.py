@@ -31,6 +31,7 @@ WAVES = 4.0  # distance from a stationary point, in waves, from which the steepe
 DIRECT = 10.0  # boxes with less phase than this (cycles, sum of coefficients) are integrated directly
 CYCLES = 3.0  # phase per Gauss panel
 STRETCH = 1.6  # part of a box, in half-widths, in which a line's stationary point is looked for
+EDGE = 1e-3  # distance of a boundary from a stationary point, in half-widths, below which rays from it are not used
 DEPTH = 26  # halvings of a boundary panel, and of a box
 OK, DEEP, CROWDED = 0, 1, 2
 
@@ -48,7 +49,7 @@ for _k, _n in enumerate(_COUNTS):
 _LAG_X /= 2.0 * np.pi  # cycles
 _REACH = np.array([(math.factorial(int(n)) ** 2 / 1e-12) ** (0.5 / int(n)) for n in _COUNTS])
 # Panels between a stationary point and WAVES from it: fractions at which the quadratic phase turns evenly enough.
-_NEAR = np.array([0.0, 0.62, 1.0])
+_NEAR = np.array([0.0, 0.5, 0.77, 1.0])
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _I2PI = 2j * math.pi
@@ -842,7 +843,7 @@ def _centre_term(f, a, b, w, sums, ws):
     for k in range(rays):
         c, s = math.cos(2.0 * math.pi * k / rays), math.sin(2.0 * math.pi * k / rays)
         _polar(f, c, s, fl)
-        _lines(a, b, w, RADIAL_MODE, c, s, al, bl, wl)
+        _lines(a, b, w, np.int64(RADIAL_MODE), c, s, al, bl, wl)
         out[:] = 0.0
         far = _away(fl, 0.0, 1.0, WAVES)
         if math.isnan(far) or not _even_slope(fl, far):
@@ -946,10 +947,10 @@ def _choose(f, convert, waves):
             low, high = _bernstein(first, stretch, 1.0, convert)
             margin = 0.3
         if low > 0.0 and low >= margin * high:
-            return (SADDLE_MODE if attempt == 0 else SLOPE_MODE), c, s, 1.0, stretch
+            return np.int64(SADDLE_MODE if attempt == 0 else SLOPE_MODE), c, s, 1.0, stretch
         if high < 0.0 and -high >= margin * -low:
-            return (SADDLE_MODE if attempt == 0 else SLOPE_MODE), c, s, -1.0, stretch
-    return DIRECT_MODE, 1.0, 0.0, 1.0, stretch
+            return np.int64(SADDLE_MODE if attempt == 0 else SLOPE_MODE), c, s, -1.0, stretch
+    return np.int64(DIRECT_MODE), 1.0, 0.0, 1.0, stretch
 
 
 @njit(cache=True, nogil=True)
@@ -961,16 +962,22 @@ def _box(panels, f, a, b, w, convert, tol, result):
     own = affine(f, cx, cy, radius, 0.0, 0.0, radius)
     low, high = _bernstein(own, 1.0, 1.0, convert)
     waves = high - low
-    if waves <= DIRECT:
-        return _frame(panels, f, a, b, w, DIRECT_MODE, cx, cy, radius, 1.0, 0.0, 1.0, 1.0, tol, result)
-    x, y, found = _centre(own)
-    if found and _frame(panels, f, a, b, w, RADIAL_MODE, cx + radius * x, cy + radius * y, radius, 1.0, 0.0, 1.0, 1.0,
-                        tol, result):  # fmt: skip
-        return True
-    mode, c, s, bend_sign, stretch = _choose(own, convert, waves)
-    if mode == DIRECT_MODE:
-        return False
-    return _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, tol, result)
+    # One call for all modes: each call of a compiled function with another constant would be compiled on its own.
+    for attempt in range(2):
+        mode, x, y, c, s, bend_sign, stretch = np.int64(DIRECT_MODE), 0.0, 0.0, 1.0, 0.0, 1.0, 1.0
+        if waves > DIRECT and attempt == 0:
+            x, y, found = _centre(own)
+            mode = np.int64(RADIAL_MODE)
+            if not found:
+                continue
+        elif waves > DIRECT:
+            mode, c, s, bend_sign, stretch = _choose(own, convert, waves)
+            if mode == DIRECT_MODE:
+                return False
+        if _frame(panels, f, a, b, w, mode, cx + radius * x, cy + radius * y, radius, c, s, bend_sign, stretch, tol,
+                  result):  # fmt: skip
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -985,7 +992,7 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
         lf[1, 0], lf[0, 1] = 0.0, 0.0  # zero to the rounding of the search for the centre
     area = radius * radius
     own_tol = tol / area
-    sums, spans, used = np.zeros(6), np.empty((512, 2)), 0
+    sums, spans, used = np.zeros(6), np.empty((512, 2)), np.int64(0)
     px, py = np.empty(panels.shape[2]), np.empty(panels.shape[2])
     error, nodes, turned, ws = 0.0, 0, 0.0, np.empty((20, 4 * GAUSS))
     for k in range(panels.shape[0]):
@@ -994,6 +1001,11 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
             shift_y = cy if i == 0 else 0.0
             x, y = (panels[k, 0, i] - shift_x) / radius, (panels[k, 1, i] - shift_y) / radius
             px[i], py[i] = c * x + s * y, -s * x + c * y
+        if mode == RADIAL_MODE:
+            angle, nearest = _turning(px, py)
+            if nearest < EDGE:
+                return False  # a stationary point on the boundary: half of its own term would count
+            turned += angle
         part, count, used, status = _panel(
             px, py, lf, la, lb, lw, mode, bend_sign, stretch, own_tol, sums, spans, used, ws
         )
@@ -1001,8 +1013,6 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
         nodes += count
         if status != OK:
             return False
-        if mode == RADIAL_MODE:
-            turned += _turning(px, py)
     if mode == RADIAL_MODE and round(turned / (2.0 * math.pi)) != 0:
         part, ok = _centre_term(lf, la, lb, lw, sums, ws)
         error += part
@@ -1028,15 +1038,21 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
 
 @njit(cache=True, nogil=True)
 def _turning(px, py):
-    """Angle by which a panel turns about the origin, rad: by steps short enough not to be mistaken."""
-    total, steps = 0.0, 64
+    """Angle by which a panel turns about the origin, rad, and how near it comes to it: by 64 chords.
+
+    A chord leaves its arc by some 1e-5 of the region's size: nearer than that the angle could be mistaken.
+    """
+    total, steps, nearest = 0.0, 64, 1e300
     x0, y0 = _horner(px, -1.0), _horner(py, -1.0)
     for i in range(1, steps + 1):
         s = -1.0 + 2.0 * i / steps
         x1, y1 = _horner(px, s), _horner(py, s)
+        dx, dy = x1 - x0, y1 - y0
+        at = min(max(-(x0 * dx + y0 * dy) / max(dx * dx + dy * dy, 1e-300), 0.0), 1.0)
+        nearest = min(nearest, math.hypot(x0 + at * dx, y0 + at * dy))
         total += math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
         x0, y0 = x1, y1
-    return total
+    return total, nearest
 
 
 @njit(cache=True, nogil=True)
@@ -1068,7 +1084,7 @@ def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums, ws):
                 py[0], py[1] = 0.5 * (start + y), 0.5 * (y - start)
                 part_sums[:] = 0.0
                 part, more, _, status = _panel(
-                    px, py, f, a, b, w, CURVE_MODE, bend_sign, stretch, tol, part_sums, none, 0, ws
+                    px, py, f, a, b, w, np.int64(CURVE_MODE), bend_sign, stretch, tol, part_sums, none, np.int64(0), ws
                 )
                 error += abs(before) * part
                 nodes += more
@@ -1274,12 +1290,17 @@ def circle_region(circles, signs, out):
             a0, a1 = angles[k], angles[k + 1]
             if a1 - a0 < 1e-15:
                 continue
-            mx, my, inside = xi + ri * math.cos(0.5 * (a0 + a1)), yi + ri * math.sin(0.5 * (a0 + a1)), True
-            for j in range(count):
-                if j != i:
-                    gap = circles[j, 2] - math.hypot(mx - circles[j, 0], my - circles[j, 1])
-                    if gap * signs[j] <= 0.0:
-                        inside = False
+            # judged where it is furthest from the other circles: circles that touch may do so at its middle
+            inside, clearest = False, -1.0
+            for fraction in (0.5, 0.3137, 0.7071):
+                angle = a0 + (a1 - a0) * fraction
+                mx, my, nearest, within = xi + ri * math.cos(angle), yi + ri * math.sin(angle), 1e300, True
+                for j in range(count):
+                    if j != i:
+                        gap = (circles[j, 2] - math.hypot(mx - circles[j, 0], my - circles[j, 1])) * signs[j]
+                        nearest, within = min(nearest, abs(gap)), within and gap > 0.0
+                if nearest > clearest:
+                    inside, clearest = within, nearest
             if inside:
                 pieces = max(1, math.ceil((a1 - a0) / 0.8))
                 if total + pieces > out.shape[0]:
@@ -1290,26 +1311,3 @@ def circle_region(circles, signs, out):
                     arc(xi, yi, ri, a1, a0, pieces, out[total:])
                 total += pieces
     return total
-
-
-@njit(cache=True, nogil=True)
-def circular_pair(f, shift_x, shift_y, obscuration, tol, most_boxes):
-    """``integrate`` of exp(i 2π f) over the common part of two unit pupils, about (0, 0) and about the shift.
-
-    f (5, 5): cycles, powers about the centre of the shifted pupil. Both pupils carry the central obscuration.
-    """
-    circles, signs = np.empty((4, 3)), np.empty(4)
-    count = 0
-    for which in range(2):
-        if which == 1 and shift_x == 0.0 and shift_y == 0.0:
-            continue
-        for ring in range(2):
-            if ring == 1 and obscuration == 0.0:
-                continue
-            circles[count, 0], circles[count, 1] = which * shift_x, which * shift_y
-            circles[count, 2], signs[count] = (1.0, 1.0) if ring == 0 else (obscuration, -1.0)
-            count += 1
-    panels, one, none = np.empty((128, 2, GAUSS)), np.ones((1, 1)), np.empty((0, 0))
-    used = circle_region(circles[:count].copy(), signs[:count].copy(), panels)
-    shifted = affine(f, -shift_x, -shift_y, 1.0, 0.0, 0.0, 1.0)
-    return integrate(panels[:used].copy(), shifted, one, one, none, tol, most_boxes)

@@ -13,7 +13,7 @@ from cgi_wave.wave.basis import Array
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.methods.base import Estimate
 from cgi_wave.wave.region import Support
-from cgi_wave.wave.stokes import METHOD, circular_pair
+from cgi_wave.wave.stokes import BOUNDARY_METHOD, circular_pair
 
 _SOURCE = "contrast"
 
@@ -124,9 +124,9 @@ def contrast(pair: HopkinsPair, tol: float = 1e-8) -> Estimate:
     found = circular_pair(pair.powers(), (pair.shift_x, pair.shift_y), pair.obscuration, tol * pair.power)
     error = found.error / pair.power
     if error > tol:
-        raise MethodLimitError(METHOD, f"error bound {error:.2g} for a tolerance of {tol:.2g}", error / tol,
+        raise MethodLimitError(BOUNDARY_METHOD, f"error bound {error:.2g} for a tolerance of {tol:.2g}", error / tol,
                                f"ask for {error:.2g}")  # fmt: skip
-    return Estimate(found.value / pair.power, error, METHOD, found.nodes, time.perf_counter() - started)
+    return Estimate(found.value / pair.power, error, BOUNDARY_METHOD, found.nodes, time.perf_counter() - started)
 
 
 def _rescale(coef: Array, reach: float) -> Array:

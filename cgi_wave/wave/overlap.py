@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval2d
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.wave.basis import Array, chebyshev_tail, chebyshev_wavenumbers, expand
 from cgi_wave.wave.field import PupilField
-from cgi_wave.wave.region import METHOD, SAFETY, Region, find_region, integrate, spread
+from cgi_wave.wave.region import METHOD as PANELS
+from cgi_wave.wave.region import SAFETY, Integral, Region, boundary, find_region, integrate, spread
+from cgi_wave.wave.stokes import BOUNDARY_METHOD as BOUNDARY
+from cgi_wave.wave.stokes import NO_FACTOR, boundary_integral
 
+FEW_WAVES = 12.0  # spread of the path difference, in waves, up to which panels are the cheaper way (docs/contrast.md)
 NODE_LIMIT = 129  # wavenumbers at which one pair may be computed
 _TINY = 1e-3  # |value| below which the slope is the plain mean: the weighted one loses its meaning
 
@@ -86,15 +92,79 @@ def _check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741
         )
 
 
-def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6) -> Overlap:  # noqa: E741
-    """Overlap of two fields at wavenumbers ``sigma`` (T,), 1/m, by boundary-fitted quadrature.
+def _panels(pair: _Pair, tol: float) -> tuple[Integral, str]:
+    """All integrals of a pair by boundary-fitted Gauss panels; all wavenumbers share the nodes."""
+    return integrate(pair.region, pair.phase, pair.a, pair.b, pair.steer, pair.norm, tol), PANELS
+
+
+def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
+    """The oscillating integrals along the boundary, one wavenumber at a time; what has no phase in it by panels."""
+    region, middle, count = pair.region, pair.phase.shape[0] // 2, pair.phase.shape[0]
+    curves, missed = boundary(region)
+    still = slice(middle, middle + 1)
+    flat = integrate(
+        region, np.zeros_like(pair.phase[still]), pair.a[still], pair.b[still], pair.steer, pair.norm[still], 1e-6
+    )
+    area = float(np.prod(region.frame))
+    found = [
+        boundary_integral(curves, phase, a, b, pair.steer if t == middle else NO_FACTOR, tol * norm / area)
+        for t, (phase, a, b, norm) in enumerate(zip(pair.phase, pair.a, pair.b, pair.norm, strict=True))
+    ]
+    x, y = region.extent.T
+    strip = missed * float(np.abs(polyval2d(x, y, pair.a[middle]) * polyval2d(x, y, pair.b[middle])).max())
+    length = float(np.hypot(*np.moveaxis(curves[:, :, 1], 1, 0)).sum()) * 2.0
+    error = area * (np.array([f.error for f in found]) + strip * length)
+    worst = float(np.max(error / pair.norm))
+    if worst > 2.0 * tol:
+        raise MethodLimitError(
+            BOUNDARY, f"error bound {worst:.2g} for a tolerance of {tol:.2g}", worst / tol, f"ask for {worst:.2g}"
+        )
+    return Integral(
+        np.array([area * f.value for f in found], np.complex128),
+        np.repeat(flat.cross, count),
+        np.repeat(flat.aa, count),
+        np.repeat(flat.bb, count),
+        area * found[middle].weighted,
+        flat.unweighted,
+        flat.area,
+        flat.edge,
+        error,
+        np.repeat(flat.change_power, count),
+        max(f.nodes for f in found),
+    ), BOUNDARY
+
+
+def _auto(pair: _Pair, tol: float) -> tuple[Integral, str]:
+    """Panels for a few waves, where all wavenumbers share their nodes; along the boundary beyond, or the other way."""
+    order = (_panels, _boundary) if spread(pair.region, pair.phase) <= FEW_WAVES else (_boundary, _panels)
+    try:
+        return order[0](pair, tol)
+    except MethodLimitError as first:
+        try:
+            return order[1](pair, tol)
+        except MethodLimitError:
+            raise first from None
+
+
+_METHODS: dict[str, Callable[[_Pair, float], tuple[Integral, str]]] = {
+    "auto": _auto,
+    "panels": _panels,
+    "boundary": _boundary,
+}
+
+
+def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6, method: str = "auto") -> Overlap:  # noqa: E741
+    """Overlap of two fields at wavenumbers ``sigma`` (T,), 1/m, by quadrature that follows the boundary.
 
     ``tol`` is the numerical error allowed on ``value``; the misfit of the two fields comes on top in the bound. Fields
-    whose supports do not meet give exactly 0 with bound 0.
+    whose supports do not meet give exactly 0 with bound 0. ``method``: "panels" (Gauss panels over the area),
+    "boundary" (boundary integrals by steepest descent), or "auto": panels up to FEW_WAVES waves, the boundary beyond.
 
     Raises MethodLimitError beyond the node cap (naming waves and factor) or outside the fields' wavenumbers,
-    InputError for fields of different spaces or reference points.
+    InputError for fields of different spaces or reference points, or a method of another name.
     """
+    if method not in _METHODS:
+        raise InputError("overlap", "method", method, "unknown", f"one of {', '.join(_METHODS)}")
     started = time.perf_counter()
     _check_pair(m, l)
     sigma = np.atleast_1d(np.asarray(sigma, float))
@@ -105,7 +175,7 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6) -> Ov
         dark = np.zeros(sigma.size, np.complex128)
         return Overlap(dark, zero, 0.0, False, zero, 0.0, (0.0, 0.0), 0, "no shared support", seconds)
     pair = _pair(m, l, sigma, region)
-    total = integrate(region, pair.phase, pair.a, pair.b, pair.steer, pair.norm, tol)
+    total, name = _METHODS[method](pair, tol)
     raw = total.value / pair.norm
     value = (raw * np.exp(1j * (m.phase - l.phase))).astype(np.complex128)
     middle = sigma.size // 2
@@ -116,10 +186,10 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6) -> Ov
     share = float(np.sqrt(total.aa[middle] * total.bb[middle]) / pair.norm[middle])
     fit = _misfit(m, l, sigma, total.cross / pair.norm, np.abs(raw), total.area)
     rounding = 4e-16 * (2.0 * np.pi * np.abs(pair.phase).sum(axis=(1, 2)) + 10.0)
-    error = SAFETY * total.change / pair.norm + total.edge / pair.norm + fit + rounding
+    error = (total.error + total.edge) / pair.norm + fit + rounding
     pivot = (float(region.pivot[0]), float(region.pivot[1]))
     seconds = time.perf_counter() - started
-    return Overlap(value, pair.opd_m, float(slope), bool(weighted), error, share, pivot, total.nodes, METHOD, seconds)
+    return Overlap(value, pair.opd_m, float(slope), bool(weighted), error, share, pivot, total.nodes, name, seconds)
 
 
 def _misfit(m: PupilField, l: PupilField, sigma: Array, cross: Array, size: Array, area: float) -> Array:  # noqa: E741
@@ -175,7 +245,7 @@ def overlap_spectrum(
             return nodes, replace(result, error_bound=result.error_bound + tail)
         count = count + max(4, count // 2)
     raise MethodLimitError(
-        METHOD,
+        "overlap over a band",
         f"{m.label} | {l.label}: {cycles:.3g} cycles of path difference over the band need {count} wavenumbers "
         f"(limit {NODE_LIMIT})",
         count / NODE_LIMIT,

@@ -75,8 +75,8 @@ class Integral:
 
     value (T,) of a b exp(i 2π phase); cross, aa, bb (T,) of a b, a², b²; weighted, unweighted: of the extra factor
     times a b with and without the phase, at the middle triple; area in units of u²; edge: what the error of the
-    clearances can add; change (T,), change_power (T,): |difference| of value and of max(aa, bb) between the last two
-    levels; nodes of the last level.
+    clearances can add; error (T,): numerical error bound of value; change_power (T,): |difference| of max(aa, bb)
+    between the last two levels; nodes of the last level.
     """
 
     value: NDArray[np.complex128]
@@ -87,7 +87,7 @@ class Integral:
     unweighted: float
     area: float
     edge: float
-    change: Array
+    error: Array
     change_power: Array
     nodes: int
 
@@ -287,7 +287,7 @@ def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, n
                     float(weighted[2]),
                     float(weighted[3]),
                     float(edge),
-                    change,
+                    SAFETY * change,
                     change_power,
                     q.nodes,
                 )

@@ -15,13 +15,16 @@ from cgi_wave.errors import MethodLimitError
 from cgi_wave.kernels import stokes
 from cgi_wave.wave.basis import Array
 
-METHOD = "boundary integral, steepest descent"
+BOUNDARY_METHOD = "boundary integral, steepest descent"
 BOXES = 4000  # boxes into which a region is cut at most
-DESCENT = 3e-13  # relative error of an antiderivative by steepest descent: rules are chosen for 1e-14 (see the kernel)
+DESCENT = 1e-12  # relative error of an antiderivative by steepest descent, for which its rules are chosen
 ROUNDING = 2.0 * 2.0 * np.pi * 2.3e-16  # rad per cycle of phase: two roundings of the phase polynomial at its full size
 FLOOR = 1e-14  # share of the integral of the amplitude below which rounding of the sums is not resolved
 SHARE = 1.0 / 16.0  # part of the tolerance that one boundary panel may take; few come near it
 _TRIES = 3
+_ARCS = 128
+NO_FACTOR = np.empty((0, 0))  # in place of a further factor that is not wanted
+_ONE = np.ones((1, 1))
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,13 @@ def circular_pair(phase: Array, shift: tuple[float, float], obscuration: float, 
 
     Lengths are pupil radii; otherwise as ``boundary_integral``.
     """
-    return _refined(lambda share: stokes.circular_pair(phase, *shift, obscuration, share, BOXES), tol)
+    circles = [(0.0, 0.0, 1.0), (0.0, 0.0, obscuration), (*shift, 1.0), (*shift, obscuration)]
+    kept = [c for c in circles[: 2 if shift == (0.0, 0.0) else 4] if c[2] > 0.0]
+    signs = np.array([1.0 if c[2] == 1.0 else -1.0 for c in kept])
+    panels = np.empty((_ARCS, 2, stokes.GAUSS))
+    used = stokes.circle_region(np.array(kept), signs, panels)
+    centred = stokes.affine(phase, -shift[0], -shift[1], 1.0, 0.0, 0.0, 1.0)
+    return _refined(lambda share: stokes.integrate(panels[:used], centred, _ONE, _ONE, NO_FACTOR, share, BOXES), tol)
 
 
 def _refined(run: Callable[[float], tuple[Any, int, bool]], tol: float) -> BoundaryIntegral:
@@ -65,7 +74,7 @@ def _refined(run: Callable[[float], tuple[Any, int, bool]], tol: float) -> Bound
         result, boxes, ok = run(share)
         if not ok:
             raise MethodLimitError(
-                METHOD,
+                BOUNDARY_METHOD,
                 f"the region would have to be cut into more than {BOXES} boxes (or its boundary touches a cut)",
                 boxes / BOXES,
                 "ask for a larger tolerance, or use boundary-fitted Gauss panels",

@@ -263,11 +263,36 @@ def test_dispersion_is_interpolated_between_the_traced_wavenumbers():
     agree(overlap(m, l, sigma), (np.exp(k) - 1) / k, 1e-6, sigma)
 
 
+def test_beyond_the_node_cap_the_boundary_still_answers():
+    # exp(i 2π a (x + y²)) over the disc: along x in closed form, along y by a fine rule
+    a = 4000.0
+    found = overlap(fit_field(beam(lambda x, y: a * (x + y**2))), FLAT, ONE)
+    s, w = np.polynomial.legendre.leggauss(16)
+    edges = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 8001)
+    t = 0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * s
+    chord, height = np.cos(t), np.sin(t)
+    inner = np.exp(2j * np.pi * a * height**2) * np.sin(2 * np.pi * a * chord) / (np.pi * a)
+    agree(found, (inner * chord * w * 0.5 * np.diff(edges)[:, None]).sum() / np.pi, 1e-6)
+
+
+def test_both_methods_agree_on_amplitude_slope_and_cut_pupils():
+    stops = [disc(), hole(0.3, 0.1), lambda x, y: 0.6 - x + 0.2 * y]
+    m = fit_field(beam(lambda x, y: 31.3 * (x**2 + y**2) + 3 * x * y * y, stops, lambda x, y: 1 + 0.2 * x - 0.1 * y))
+    l = fit_field(beam(direction=lambda x, y: 0.3 * x + y))  # noqa: E741
+    one, other = overlap(m, l, ONE, 1e-8, "panels"), overlap(m, l, ONE, 1e-8, "boundary")
+    assert abs(one.value - other.value) <= one.error_bound + other.error_bound
+    assert other.error_bound < 2e-6
+    assert other.slope == pytest.approx(one.slope, rel=1e-6)
+    assert other.shared == pytest.approx(one.shared, rel=1e-6)
+
+
 def test_refusals_name_limit_and_factor():
     steep = fit_field(beam(lambda x, y: 4000.0 * (x + y**2)))
     with pytest.raises(MethodLimitError, match="waves") as info:
-        overlap(steep, FLAT, ONE)
+        overlap(steep, FLAT, ONE, method="panels")
     assert info.value.factor > 1.0
+    with pytest.raises(InputError, match="method"):
+        overlap(FLAT, FLAT, ONE, method="guess")
     with pytest.raises(MethodLimitError, match="traced for"):
         overlap(FLAT, FLAT, 1.2 * ONE)
     with pytest.raises(InputError, match="reference_point"):
