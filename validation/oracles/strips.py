@@ -154,11 +154,11 @@ def _lines(c, e, lx, ly, cycles, ratio, extra):
     """Ordinates and weights of all lines."""
     marks = _ordinates(e, lx, ly)
     ys, ws, n = np.empty(4096), np.empty(4096), 0
-    depth = int(math.ceil(26.4 / math.log(ratio)))  # the panel at the very end has 1/ratio**depth = 3e-12 of the strip
-    rough, ends = np.empty(33), np.empty((3, 2))
+    depth = math.ceil(26.4 / math.log(ratio))  # the panel at the very end has 1/ratio**depth = 3e-12 of the strip
+    rough = np.empty(33)
     for strip in range(marks.size - 1):
         y0, y1 = marks[strip], marks[strip + 1]
-        if not y1 > y0 or _chords(0.5 * (y0 + y1), e, lx, ly, ends) == 0:
+        if not y1 > y0:
             continue
         half = 0.5 * (y1 - y0)
         for side in range(2):
@@ -169,7 +169,7 @@ def _lines(c, e, lx, ly, cycles, ratio, extra):
                 _panels_across(c, e, lx, ly, a, b, cycles, rough)
                 total = np.empty(33 + int(8.0 * math.sqrt(rough[32])))
                 _panels_across(c, e, lx, ly, a, b, cycles, total)
-                pieces = max(1, int(math.ceil(total[-1]))) + extra
+                pieces = max(1, math.ceil(total[-1])) + extra
                 at = np.empty(pieces + 1)
                 _even(total, a, b, pieces, at)
                 if n + 16 * pieces > ys.size:
@@ -232,7 +232,7 @@ def _chord(a, b, w0, w2, w4, cycles, extra, total, at, x, weight):
     total[0] = 0.0
     for i in range(1, bins + 1):
         total[i] += total[i - 1] + 1e-3 / bins
-    pieces = max(1, int(math.ceil(total[bins]))) + extra
+    pieces = max(1, math.ceil(total[bins])) + extra
     _even(total[: bins + 1], a, b, pieces, at)
     re, im, filled = 0.0, 0.0, 0
     for k in range(pieces):
@@ -287,4 +287,4 @@ def contrast(
     power = math.pi * (1.0 - obscuration**2)
     found = [_integral(c, e, -float(shift_x), -float(shift_y), *level) for level in (_COARSE, _FINE)]
     coarse, fine = (complex(re, im) / power for re, im, _ in found)
-    return fine, abs(fine - coarse) + 2e-15, sum(n for _, _, n in found)
+    return fine, abs(fine - coarse) + 2e-14 + 1e-15 / power, sum(n for _, _, n in found)
