@@ -33,10 +33,10 @@ _SAMPLES = 16  # steps over a panel of v on which the phase is followed
 _COS = np.polynomial.chebyshev.chebinterpolate(lambda z: np.cos(np.pi * np.sqrt(0.5 * (z + 1.0))), 12)
 _SIN = np.polynomial.chebyshev.chebinterpolate(lambda z: np.pi * np.sinc(np.sqrt(0.5 * (z + 1.0))), 12)
 
-# steady cycles in a panel of ρ, in a panel of v (θ(v) is far from straight: fewer), width of a panel in v, and panels
-# added to each run along a ray, so that two levels never share a panel
-_ROUGH = (4.3, 1.5, 1.0, 0)
-_SHARP = (3.4, 1.1, 0.8, 1)
+# steady cycles in a panel, width of a panel in v, share of a panel that each unit of that width takes up (θ(v) is not
+# straight), panels added to each run along a ray, so that two levels never share a panel
+_ROUGH = (4.3, 1.0, 0.65, 0)
+_SHARP = (3.4, 0.8, 0.85, 1)
 
 
 @njit(cache=True, nogil=True)
@@ -126,7 +126,7 @@ def _followed(w, e, lx, ly, left, width, v0, v1):
 
 
 @njit(cache=True, nogil=True)
-def _rays(w, e, lx, ly, cycles, span):
+def _rays(w, e, lx, ly, cycles, span, bend):
     """Angles and weights of all rays."""
     theta, weight, n = np.empty(4096), np.empty(4096), 0
     marks = _sectors(e, math.hypot(lx, ly), math.atan2(ly, lx))
@@ -150,7 +150,7 @@ def _rays(w, e, lx, ly, cycles, span):
                     stack[depth + 1, 0], stack[depth + 1, 1] = v0, middle
                     depth += 2
                     continue
-                parts = min(max(1, math.ceil(fastest / cycles)), 128)
+                parts = min(max(1, math.ceil(fastest / cycles + bend * (v1 - v0))), 128)
                 while n + 16 * parts > theta.size:
                     theta = np.concatenate((theta, np.empty(theta.size)))
                     weight = np.concatenate((weight, np.empty(weight.size)))
@@ -223,9 +223,9 @@ def _ray(a, b, q, cycles, more, rho, weight):
 
 
 @njit(cache=True, nogil=True)
-def _integral(w, e, lx, ly, cycles, turning, span, more):
+def _integral(w, e, lx, ly, cycles, span, bend, more):
     """∫ exp(i 2πW) over the region: real part, imaginary part, number of nodes."""
-    theta, turn = _rays(w, e, lx, ly, turning, span)
+    theta, turn = _rays(w, e, lx, ly, cycles, span, bend)
     size = 16 * (_RUN + more)
     rho, weight, ends, q = np.empty(size), np.empty(size), np.empty((2, 2)), np.empty(4)
     re, im, nodes = 0.0, 0.0, 0
