@@ -20,9 +20,10 @@ def lens(r, s, d):
         return 0.0
     if d <= abs(r - s):
         return math.pi * min(r, s) ** 2
-    a = (d * d + (r - s) * (r + s)) / (2 * d)
-    sector = r * r * math.acos(a / r) + s * s * math.acos((d - a) / s)
-    return sector - d * math.sqrt(max(r * r - a * a, 0.0))
+    half = math.sqrt((r + s - d) * (d + r - s) * (d - r + s) * (d + r + s)) / (2 * d)  # of the common chord
+    along = (d * d + (r - s) * (r + s)) / (2 * d)
+    at_r, at_s = math.atan2(half, along), math.atan2(half, d - along)
+    return r * r * (at_r - 0.5 * math.sin(2 * at_r)) + s * s * (at_s - 0.5 * math.sin(2 * at_s))
 
 
 @ORACLES
