@@ -150,12 +150,14 @@ def study(
     jobs: int = 1,
     largest: float = math.inf,
     charts: bool = True,
+    samples: int = 4096,
     say: Callable[[str], None] = progress,
 ) -> dict[str, Any]:
     """Runs the study, writes DIR/report.md with its charts and DIR/contrast.json, returns the figures.
 
     cases : random ones, beside all adversarial ones; method : what is judged; methods : objects for the charts beside
-    it; jobs : threads for the oracles; largest : waves, leaves out cases and regimes above it (for trying out).
+    it; jobs : threads for the oracles. For trying out: largest : waves, leaves out cases and regimes above it;
+    samples : across the pupil, the most that peers are given.
     """
     from validation import contrast_report, contrast_speed
 
@@ -191,7 +193,7 @@ def study(
         **contrast_speed.timings(method, out, seed, jobs, largest, say),
     }
     if charts:
-        result |= contrast_speed.charts(method, methods, out, jobs, largest, say)
+        result |= contrast_speed.charts(method, methods, out, jobs, largest, samples, say)
     result["provenance"] = {
         "version": cgi_wave.__version__, "seed": seed, "python": platform.python_version(),
         "numpy": np.__version__, "machine": platform.processor() or platform.machine(),
@@ -211,12 +213,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--jobs", type=int, default=1, help="threads for the oracles")
     parser.add_argument("--largest", type=float, default=math.inf, help="leave out cases with more waves than this")
+    parser.add_argument("--samples", type=int, default=4096, help="most samples across the pupil given to peers")
     parser.add_argument("--no-charts", dest="charts", action="store_false")
     options = parser.parse_args(arguments)
     try:
         result = study(
             options.cases, options.seed, METHODS[options.method], (), options.out, options.jobs, options.largest,
-            options.charts,
+            options.charts, options.samples,
         )  # fmt: skip
     except KeyboardInterrupt:
         print(f"interrupted; what the oracles said is in {options.out / 'oracles'}", file=sys.stderr)

@@ -130,7 +130,7 @@ def regimes(largest: float) -> dict[tuple[float, str, str], library.Case]:
     return found
 
 
-def _curve(ask: Callable[[float], Any], values: Sequence[float], truth: complex) -> list[Point]:
+def _curve(ask: Callable[[Any], Any], values: Sequence[float], truth: complex) -> list[Point]:
     points = []
     for value in values:
         try:
@@ -149,6 +149,7 @@ def charts(
     out: Path,
     jobs: int,
     largest: float,
+    samples: int,
     say: Callable[[str], None],
 ) -> dict[str, Any]:
     """Work-precision diagrams as PNG, one figure for each defocus; and how far the method is ahead of each peer."""
@@ -167,8 +168,8 @@ def charts(
                     ask = lambda tol, each=each, m=m, l=l: each.evaluate(m, l, 1.0, tol)  # noqa: E731, E741
                     found[each.name] = _curve(ask, TOLERANCES, value)
             for name, peer in peers.items():
-                sizes = [n for n in SAMPLES if n <= HEAVY.get(name, SAMPLES[-1])]
-                found[name] = _curve(lambda n, peer=peer, pair=pair: peer(pair, int(n)), sizes, value)
+                sizes = [n for n in SAMPLES if n <= min(samples, HEAVY.get(name, samples))]
+                found[name] = _curve(lambda n, peer=peer, pair=pair: peer(pair, n), sizes, value)
         curves[key] = found
     files = [_draw(w, {k: v for k, v in curves.items() if k[0] == w}, truth, out) for w in REGIMES if w <= largest]
     return {
