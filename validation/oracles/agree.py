@@ -1,0 +1,151 @@
+"""Both oracles on many cases, kept on disk as they come, and what to do when they differ.
+
+One JSON line per case and oracle; the file's name holds a digest of the oracle's source, so that a changed oracle
+starts afresh. An interrupted run loses what was being computed and nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from validation.cases import Case
+from validation.oracles import polar, strips
+
+ORACLES: dict[str, ModuleType] = {"strips": strips, "polar": polar}
+#: How far the two may differ before somebody has to look, beside what they say of themselves.
+AGREEMENT = 1e-11
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What two oracles say of one case.
+
+    value : of the oracle that claims the smaller error; error : its claim; difference : between the two;
+    claimed : the sum of both claims; seconds : of both; nodes : of both
+    """
+
+    value: complex
+    error: float
+    difference: float
+    claimed: float
+    seconds: float
+    nodes: int
+
+    @property
+    def agreed(self) -> bool:
+        """Whether the oracles differ by no more than they claim, and by no more than AGREEMENT."""
+        return self.difference <= min(self.claimed, AGREEMENT)
+
+
+class Store:
+    """One oracle's values on disk: key -> (re, im, error, nodes, seconds)."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self.oracle = ORACLES[name]
+        source = Path(str(self.oracle.__file__)).read_bytes()
+        self.file = folder / f"{name}-{hashlib.sha256(source).hexdigest()[:12]}.jsonl"
+        self.known: dict[str, list[float]] = {}
+        if self.file.exists():
+            for line in self.file.read_text(encoding="utf-8").splitlines():
+                try:
+                    key, value = json.loads(line)
+                except ValueError:  # the line that an interruption cut off
+                    continue
+                self.known[key] = value
+
+    def compute(self, case: Case) -> tuple[str, list[float]]:
+        """Key and value of a case; does not write."""
+        started = time.perf_counter()
+        value, error, nodes = self.oracle.contrast(**case.coefficients)
+        return key_of(case), [value.real, value.imag, error, nodes, time.perf_counter() - started]
+
+    def add(self, key: str, value: list[float]) -> None:
+        """Keeps a value, on disk first."""
+        with self.file.open("a", encoding="utf-8") as out:
+            out.write(json.dumps([key, value]) + "\n")
+        self.known[key] = value
+
+
+def key_of(case: Case) -> str:
+    """All coefficients, exactly."""
+    return " ".join(float(value).hex() for value in case.coefficients.values())
+
+
+def progress(text: str) -> None:
+    """One line on standard error, overwritten by the next where that is a terminal."""
+    end = "\r" if sys.stderr.isatty() else "\n"
+    print(text.ljust(100), end=end, file=sys.stderr, flush=True)
+
+
+def references(
+    cases: Sequence[Case], folder: Path, jobs: int = 1, say: Callable[[str], None] = progress
+) -> list[Reference]:
+    """Both oracles on every case, from disk where possible; `jobs` threads (the compiled loops hold no lock)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stores = [Store(name, folder) for name in ORACLES]
+    wanted = {key_of(case): case for case in cases}
+    todo = [(store, case) for key, case in wanted.items() for store in stores if key not in store.known]
+    if todo:
+        for oracle in ORACLES.values():  # compile once, not in every thread
+            oracle.contrast(w020=1.0)
+        _compute(todo, jobs, say)
+    found = []
+    for case in cases:
+        values = [store.known[key_of(case)] for store in stores]
+        best = min(values, key=lambda v: v[2])
+        difference = abs(complex(*values[0][:2]) - complex(*values[1][:2]))
+        seconds, nodes = sum(v[4] for v in values), int(sum(v[3] for v in values))
+        found.append(Reference(complex(*best[:2]), best[2], difference, values[0][2] + values[1][2], seconds, nodes))
+    return found
+
+
+def _compute(todo: list[tuple[Store, Case]], jobs: int, say: Callable[[str], None]) -> None:
+    started, last, done = time.perf_counter(), 0.0, 0
+    with ThreadPoolExecutor(jobs) as pool:
+        queue = iter(todo)
+        running = {}
+        try:
+            while True:
+                while len(running) < jobs and (item := next(queue, None)) is not None:
+                    running[pool.submit(item[0].compute, item[1])] = item[0]
+                if not running:
+                    break
+                finished, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    running.pop(future).add(*future.result())
+                    done += 1
+                now = time.perf_counter() - started
+                if now - last > 5.0 or done == len(todo):
+                    last = now
+                    say(f"oracles: {done} of {len(todo)} values, {now:.0f} s")
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def disagreement(case: Case, reference: Reference) -> dict[str, Any]:
+    """Which oracle fails where the two differ: both again with panels half and a third as large.
+
+    The one that moved is the one that was wrong; when both or none did, nobody knows.
+    """
+    first = {name: oracle.contrast(**case.coefficients)[0] for name, oracle in ORACLES.items()}
+    finest = {name: oracle.contrast(**case.coefficients, finer=3.0)[0] for name, oracle in ORACLES.items()}
+    settled = abs(finest["strips"] - finest["polar"]) <= AGREEMENT
+    truth = 0.5 * (finest["strips"] + finest["polar"])
+    wrong = [name for name in ORACLES if abs(first[name] - truth) > 0.5 * reference.difference] if settled else []
+    return {
+        "kind": case.kind,
+        **case.coefficients,
+        "difference": reference.difference,
+        "claimed": reference.claimed,
+        "wrong": wrong[0] if len(wrong) == 1 else "not settled",
+        "difference_when_finer": abs(finest["strips"] - finest["polar"]),
+    }
