@@ -30,8 +30,11 @@ GAUSS = 16
 WAVES = 4.0  # distance from a stationary point, in waves, from which the steepest-descent amplitude is used
 DIRECT = 10.0  # boxes with less phase than this (cycles, sum of coefficients) are integrated directly
 CYCLES = 3.0  # phase per Gauss panel
+SPAN_CYCLES = 2.2  # the same across the area, where the phase is less even
 STRETCH = 1.6  # part of a box, in half-widths, in which a line's stationary point is looked for
-EDGE = 1e-3  # distance of a boundary from a stationary point, in half-widths, below which rays from it are not used
+EDGE = 3e-2  # distance of a boundary from a stationary point, in half-widths, below which rays from it are not used
+ROUND = 0.03  # least det/trace² of the second derivatives at a stationary point from which rays are used
+PIECES = 600  # pieces of one boundary panel before another mode, or a smaller box, is tried
 DEPTH = 26  # halvings of a boundary panel, and of a box
 OK, DEEP, CROWDED = 0, 1, 2
 
@@ -267,10 +270,10 @@ def _taylor(c, x, out):
 
 @njit(cache=True, nogil=True)
 def _rule(c):
-    """Index of the smallest Gauss-Laguerre rule that reaches 1e-12 where a line's phase has Taylor coefficients c.
+    """(index of the smallest Gauss-Laguerre rule that reaches 1e-12, its relative error) for Taylor coefficients c.
 
-    By the distance in phase of the nearest saddle, from the first three derivatives, with a fifth of margin.
-    -1 if none does.
+    By the distance in phase of the nearest saddle, from the first three derivatives of a line's phase, with a fifth of
+    margin. Index -1 if none does.
     """
     d1, distance = abs(c[1]), 1e300
     if c.shape[0] > 2 and c[2] != 0.0:
@@ -280,8 +283,8 @@ def _rule(c):
     distance *= 0.8 * 2.0 * math.pi
     for k in range(_COUNTS.size):
         if distance >= _REACH[k]:
-            return k
-    return -1
+            return k, 1e-12 * (_REACH[k] / distance) ** (2 * _COUNTS[k])
+    return -1, 0.0
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
@@ -332,13 +335,15 @@ def _at(c, count, zr, zi, vr, vi):
 def _descent(fl, al, bl, wl, x, ws):
     """The slow amplitude E at x, times 1 and times the further factor; ok False where no rule reaches.
 
-    E = (1/2πi) ∫ a b / f' exp(−p) dp along the path f(z) = f(x) + i p/2π, all nodes of a rule at a time.
+    E = (1/2πi) ∫ a b / f' exp(−p) dp along the path f(z) = f(x) + i p/2π, all nodes of a rule at a time. The largest
+    relative error of the rules is gathered in ws[15, 0].
     """
     c = ws[4][: fl.shape[0]]
     _taylor(fl, x, c)
-    rule = _rule(c)
+    rule, miss = _rule(c)
     if rule < 0 or c[1] == 0.0:
         return 0j, 0j, False
+    ws[15, 0] = max(ws[15, 0], miss)
     count, d1 = _COUNTS[rule], c[1]
     d2 = c[2] if fl.shape[0] > 2 else 0.0
     ur, ui, sr, si, vr, vi = ws[5], ws[6], ws[7], ws[8], ws[9], ws[10]
@@ -605,7 +610,7 @@ def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
         values[0, i] = 0.0
         if mode == DIRECT_MODE:
             turns = _steep(fl, min(0.0, x), max(0.0, x)) * abs(x)
-            _span(fl, al, bl, wl, 0.0, x, 1 + int(turns / CYCLES), 0.0, out, ws)
+            _span(fl, al, bl, wl, 0.0, x, 1 + int(turns / SPAN_CYCLES), 0.0, out, ws)
         elif mode == CURVE_MODE or whole == NEAR:
             if math.isnan(at):
                 return False
@@ -667,10 +672,10 @@ def _tail(c, d):
 def _gauss_tail(c, d):
     """What 16 Gauss points miss of a function with these Chebyshev coefficients: its part beyond degree 31.
 
-    Of the further five steps of three degrees that the fall would go on, three are believed.
+    Degree 32 lies six steps of three degrees beyond the last coefficients; five of them are believed.
     """
     end, rate = _decay(c, d)
-    return 4.0 * end * rate**3 / (1.0 - min(rate, 0.8))
+    return 10.0 * end * rate**5 / (1.0 - min(rate, 0.8))
 
 
 @njit(cache=True, nogil=True)
@@ -701,7 +706,7 @@ def _add(values, cheb, power, pieces, sums, ws):
             for j in range(k, used):
                 total += _TO_POWER[k, j] * cheb[q, j]
             power[q, k] = total
-    t, wt, turns, are, aim = ws[15], ws[16], ws[17], ws[18], ws[19]
+    t, wt, turns, are, aim = ws[16], ws[17], ws[18], ws[19], ws[20]
     count, longest = 0, ws.shape[1]
     for p in range(pieces):
         for g in range(GAUSS):
@@ -733,8 +738,11 @@ def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans
     lines, place = np.empty((GAUSS, n)), np.empty((GAUSS, 5))
     cls, delta = np.empty(GAUSS, np.int64), np.empty(GAUSS)
     values, cheb, power = np.empty((5, GAUSS)), np.empty((5, GAUSS)), np.empty((5, GAUSS))
-    wave, wave_cheb = np.empty((2, GAUSS)), np.empty((2, GAUSS))
+    wave, wave_cheb, pieces_used = np.empty((2, GAUSS)), np.empty((2, GAUSS)), 0
     while top > 0:
+        pieces_used += 1
+        if pieces_used > PIECES:
+            return error, nodes, spans_used, DEEP
         top -= 1
         lo, hi, depth = ends[top, 0], ends[top, 1], level[top]
         if not _locate(px, py, f, mode, bend_sign, stretch, lo, hi, lines, place, delta, cls):
@@ -744,6 +752,7 @@ def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans
             whole, one = _side(place, delta, cls)
         cut = math.nan
         nodes += GAUSS
+        ws[15, 0] = 0.0
         if not one:
             cut = _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line)
         elif not _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
@@ -773,7 +782,7 @@ def _panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans
             elif here > 1e3 * tol:
                 return error, nodes, spans_used, DEEP
             else:
-                error += here
+                error += here + 2.0 * largest * ws[15, 0]
                 sums[4] += 2.0 * largest
                 sums[5] = max(sums[5], scale)
                 if mode == SADDLE_MODE and whole == LEFT:
@@ -800,7 +809,8 @@ def _centre(f):
         local = affine(f, x, y, 1.0, 0.0, 0.0, 1.0) if n <= 6 else _second_order(f, x, y)
         gx, gy, hxx, hxy, hyy = local[1, 0], local[0, 1], 2.0 * local[2, 0], local[1, 1], 2.0 * local[0, 2]
         det = hxx * hyy - hxy * hxy
-        if det <= 0.0:
+        # definite, and not so elongated that rays along its long axis hardly turn
+        if det <= ROUND * (hxx + hyy) ** 2:
             return x, y, False
         dx, dy = (hyy * gx - hxy * gy) / det, (hxx * gy - hxy * gx) / det
         x -= dx
@@ -994,7 +1004,7 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
     own_tol = tol / area
     sums, spans, used = np.zeros(6), np.empty((512, 2)), np.int64(0)
     px, py = np.empty(panels.shape[2]), np.empty(panels.shape[2])
-    error, nodes, turned, ws = 0.0, 0, 0.0, np.empty((20, 4 * GAUSS))
+    error, nodes, turned, ws = 0.0, 0, 0.0, np.empty((21, 4 * GAUSS))
     for k in range(panels.shape[0]):
         for i in range(panels.shape[2]):
             shift_x = cx if i == 0 else 0.0
@@ -1273,7 +1283,8 @@ def circle_region(circles, signs, out):
                 continue
             along = (d * d + (rp - rq) * (rp + rq)) / (2.0 * d)
             across = (rp - along) * (rp + along)
-            if across <= 0.0:
+            # circles that touch to rounding: what lies between them is a sliver of area below 1e-18
+            if across <= 1e-12 * rp * rp:
                 continue
             across = math.sqrt(across)
             for side in (-1.0, 1.0):

@@ -17,9 +17,9 @@ from cgi_wave.wave.basis import Array
 
 BOUNDARY_METHOD = "boundary integral, steepest descent"
 BOXES = 4000  # boxes into which a region is cut at most
-DESCENT = 1e-12  # relative error of an antiderivative by steepest descent, for which its rules are chosen
+NEAR = 1e-14  # relative error of the way from a stationary point to where steepest descent begins, by Gauss panels
 ROUNDING = 2.0 * 2.0 * np.pi * 2.3e-16  # rad per cycle of phase: two roundings of the phase polynomial at its full size
-FLOOR = 1e-14  # share of the integral of the amplitude below which rounding of the sums is not resolved
+FLOOR = 2e-15  # share of the integral of the amplitude below which rounding of the sums is not resolved
 SHARE = 1.0 / 16.0  # part of the tolerance that one boundary panel may take; few come near it
 _TRIES = 3
 _ARCS = 128
@@ -47,7 +47,8 @@ def boundary_integral(curves: Array, phase: Array, a: Array, b: Array, weight: A
     phase (n, n) in cycles, a, b, weight (m, m): powers of the frame's coordinates; tol: absolute, frame units.
 
     The bound holds the interpolation and quadrature error of every boundary panel (from the fall of its Chebyshev
-    coefficients), DESCENT and rounding; it is what was reached, and may exceed ``tol`` when rounding asks for more.
+    coefficients), the error of the steepest-descent rules, NEAR and rounding; it is what was reached, and may exceed
+    ``tol`` when rounding asks for more.
     Raises MethodLimitError when the region would have to be cut into more than BOXES pieces.
     """
     arrays = [np.ascontiguousarray(x) for x in (curves, phase, a, b, weight)]
@@ -83,7 +84,7 @@ def _refined(run: Callable[[float], tuple[Any, int, bool]], tol: float) -> Bound
             break
         share *= 0.5 * tol / result[4]
     amplitude = result[5]
-    error = result[4] + (DESCENT + ROUNDING * result[6] + FLOOR) * amplitude
+    error = result[4] + (NEAR + ROUNDING * result[6] + FLOOR) * amplitude
     return BoundaryIntegral(
         complex(result[0], result[1]), complex(result[2], result[3]), float(error), int(result[7]), int(boxes)
     )
