@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
 from cgi_wave.wave.basis import Array
@@ -14,26 +15,27 @@ from cgi_wave.wave.methods.onpatch import SampledPatch
 from cgi_wave.wave.methods.patch import Amplitude, Patch
 from cgi_wave.wave.methods.planned import Plan, Planned
 from cgi_wave.wave.methods.plans import fast_length, transform_rows
-from cgi_wave.wave.methods.shape import TURN, Beam, Pair
+from cgi_wave.wave.methods.shape import TURN, Beam, Edge, Pair
 
 WINDOW_CAP = 4096  # samples along one side of a transform that keeps its whole window
 #: Phase (turns) that one cell may hold at most. At 1 a replica of the geometric spot arrives and the edge law ends.
 STEEPEST = 0.95
 
 
-def transform(beam: Beam, grid: Grid, share: Array, patch: Patch, size: tuple[int, int]) -> Amplitude:
-    """h on a patch by pruned row–column FFT: σ Σ share·A exp(i 2πσ(opl + u·x)) cell, without the beam's constant.
+def transform(
+    samples: NDArray[np.complex128], sigma: float, grid: Grid, patch: Patch, size: tuple[int, int]
+) -> NDArray[np.complex128]:
+    """h (X, Y) on a patch by pruned row–column FFT of samples on a grid: σ Σ samples · exp(i 2πσ u·x) · cell.
 
     ``size`` samples make a period: patch.pitch · grid.pitch = 1/(σ·size) along each axis, or ValueError.
     """
     for a in (0, 1):
-        if abs(beam.sigma * patch.pitch[a] * grid.pitch[a] * size[a] - 1.0) > 1e-9:
+        if abs(sigma * patch.pitch[a] * grid.pitch[a] * size[a] - 1.0) > 1e-9:
             raise ValueError("pitch on the detector times pitch in the pupil is not 1/(σ·size)")
-    samples = sampled(beam, grid, share)
     half = transform_rows(samples, grid.first[1], size[1], patch.start[1], patch.count[1])
     field = transform_rows(half, grid.first[0], size[0], patch.start[0], patch.count[0])
-    field *= beam.sigma * grid.cell
-    return Amplitude(patch.axis(0), patch.axis(1), field, beam.sigma, "pruned FFT", samples.size, math.nan)
+    field *= sigma * grid.cell
+    return field
 
 
 @dataclass(frozen=True)
@@ -104,8 +106,10 @@ def overlap_on_window(pair: Pair, pitch: tuple[float, float], size: int) -> comp
     share = shares([pair.m.support, pair.l.support], grid)
     detector = tuple(1.0 / (pair.m.sigma * size * p) for p in pitch)
     patch = Patch((-(size // 2), -(size // 2)), (size, size), (detector[0], detector[1]))
-    h_m = transform(pair.m, grid, share, patch, (size, size)).field
-    h_l = transform(pair.l, grid, (share > 0.0).astype(float), patch, (size, size)).field
+    h_m, h_l = (
+        transform(sampled(beam, grid, weight), beam.sigma, grid, patch, (size, size))
+        for beam, weight in ((pair.m, share), (pair.l, (share > 0.0).astype(float)))
+    )
     return complex(np.vdot(h_l, h_m)) * detector[0] * detector[1] / pair.norm * pair.constant
 
 
@@ -130,10 +134,21 @@ class PrunedFft(SampledPatch):
     def amplitude(self, beam: Beam, grid: Grid, share: Array, patch: Patch) -> Amplitude:
         """h on the patch."""
         size = [round(1.0 / (beam.sigma * patch.pitch[a] * grid.pitch[a])) for a in (0, 1)]
-        return transform(beam, grid, share, patch, (size[0], size[1]))
+        samples = sampled(beam, grid, share)
+        h = transform(samples, beam.sigma, grid, patch, (size[0], size[1]))
+        return Amplitude(patch.axis(0), patch.axis(1), h, beam.sigma, self.name, samples.size, math.nan)
 
     def _sizes(self, pair: Pair, patch: Patch, coarsest: Array) -> list[int]:
         return [
             fast_length(max(math.ceil(1.0 / (pair.m.sigma * patch.pitch[a] * coarsest[a])), patch.count[a]))
             for a in (0, 1)
         ]
+
+
+def edge_noise(beam: Beam, edge: Edge, grid: Grid, patch: Patch) -> float:
+    """Bound of |error of h| anywhere on a patch from the gray edge, same unit as h; inf where a replica arrives."""
+    reach = steepest_step(beam, None, edge, grid.pitch) / TURN
+    reach = reach + beam.sigma * patch.farthest * np.array(grid.pitch)
+    if np.any(reach >= 1.0):
+        return math.inf
+    return beam.sigma * edge_error(beam, None, edge, grid.pitch, patch.farthest)

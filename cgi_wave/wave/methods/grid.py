@@ -25,7 +25,7 @@ class Grid:
 
     def axis(self, a: int) -> Array:
         """(count[a],) centres along axis a, unit of u."""
-        return (np.arange(self.count[a]) + self.first[a]) * self.pitch[a]
+        return np.asarray((np.arange(self.count[a]) + self.first[a]) * self.pitch[a], np.float64)
 
     @property
     def cell(self) -> float:
@@ -58,7 +58,8 @@ def _half_plane(value: Array, a: Array, b: Array) -> Array:
 def shares(supports: Sequence[Support], grid: Grid, parts: int = PARTS) -> Array:
     """(X, Y) share of each cell inside all the supports.
 
-    Edge cells are divided into parts²; in each part every clearance is the quadratic about the cell's centre, its edge straight.
+    Edge cells are divided into parts²; every clearance is the quadratic about the cell's centre, its edge straight in
+    each part.
     """
     out = np.ones(grid.count)
     u = [grid.axis(a) for a in (0, 1)]
@@ -82,7 +83,7 @@ def shares(supports: Sequence[Support], grid: Grid, parts: int = PARTS) -> Array
     if i.size == 0:
         return out
     offset = (np.arange(parts) + 0.5) / parts - 0.5
-    s, t = (part.ravel() for part in np.meshgrid(offset, offset, indexing="ij"))
+    p, q = np.repeat(offset, parts), np.tile(offset, parts)
     lit = np.ones((i.size, parts * parts))
     for (coef, x, y, step), value in zip(pieces, values, strict=True):
         at = np.column_stack([x[i], y[j]])
@@ -93,10 +94,10 @@ def shares(supports: Sequence[Support], grid: Grid, parts: int = PARTS) -> Array
         here = value[i, j]
         ga, gb = plus[0] - plus[1], plus[2] - plus[3]
         haa, hbb = 4.0 * (plus[0] + plus[1] - 2.0 * here), 4.0 * (plus[2] + plus[3] - 2.0 * here)
-        v = here[:, None] + ga[:, None] * s + gb[:, None] * t
-        v += 0.5 * (haa[:, None] * s**2 + hbb[:, None] * t**2) + corner[:, None] * s * t
-        a = (ga[:, None] + haa[:, None] * s + corner[:, None] * t) / parts
-        b = (gb[:, None] + hbb[:, None] * t + corner[:, None] * s) / parts
+        v = here[:, None] + ga[:, None] * p + gb[:, None] * q
+        v += 0.5 * (haa[:, None] * p**2 + hbb[:, None] * q**2) + corner[:, None] * p * q
+        a = (ga[:, None] + haa[:, None] * p + corner[:, None] * q) / parts
+        b = (gb[:, None] + hbb[:, None] * q + corner[:, None] * p) / parts
         # The least, not the product: two pupils often share an edge, and it must not count twice.
         lit = np.minimum(lit, _half_plane(v, a, b))
     out[i, j] = lit.mean(axis=1)

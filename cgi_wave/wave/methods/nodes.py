@@ -18,6 +18,7 @@ from cgi_wave.wave.basis import Array, expand
 from cgi_wave.wave.methods.shape import TURN, Beam
 from cgi_wave.wave.region import METHOD, NODE_CAP, build, find_region
 
+_KEPT = 1000.0  # rad of phase up to which rings are kept for the next patch of that size: a hundred thousand nodes
 _POLAR_CAP = 1500  # turns of phase from centre to rim beyond which panels take over from one Gauss rule
 
 
@@ -110,7 +111,11 @@ def _count(phase: float, eps: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _polar(ratio: float, phase: float, eps: float) -> tuple[Array, Array]:
+def _kept_rings(ratio: float, phase: float, eps: float) -> tuple[Array, Array]:
+    return _rings(ratio, phase, eps)
+
+
+def _rings(ratio: float, phase: float, eps: float) -> tuple[Array, Array]:
     """Points (M, 2) and weights on the annulus ratio < r < 1 for exp(i k·r), |k| <= phase: rings of Gauss radii.
 
     On a ring the trapezoid rule errs by J_n(phase·r), n the points of the ring; so a ring has only as many as its
@@ -129,28 +134,43 @@ def _polar(ratio: float, phase: float, eps: float) -> tuple[Array, Array]:
 
 
 def polar_nodes(beam: Beam, disc: Disc, reach: float, eps: float) -> Nodes | None:
-    """Gauss rings on a disc or annulus, for |x| <= reach (m); None where panels do better.
+    """Gauss rings on a disc or annulus, for |x| <= reach (m); None where there would be too many turns for one rule.
 
-    The phase is bounded by that of a plane wave of the steepest slope, which holds for aberrations of low degree;
-    beyond a few hundred turns, or for a field of many terms, panels are the safer choice.
+    The order is that of a plane wave as steep as the steepest slope plus the reach: sufficient for the few terms of
+    low degree that an aberration has, and checked by the caller where there is one.
     """
-    u = disc.centre + disc.outer * np.array([[math.cos(a), math.sin(a)] for a in np.linspace(0.0, TURN, 65)])
-    steepest = float(np.hypot(*beam.slope_at(u).T).max())
-    if steepest > 0.0 or not _flat(beam):
-        return None
-    # Rounded up, so that patches of one size share their rule; centred on the disc, where the linear phase is smallest.
-    phase = TURN * beam.sigma * disc.outer * reach
+    phase = TURN * beam.sigma * disc.outer * (reach + _steepest(beam, disc))
     if phase > TURN * _POLAR_CAP:
         return None
-    unit, weight = _polar(disc.inner / disc.outer, float(math.ceil(phase)), eps)
+    # Rounded up, so that patches of nearly one size share their rule.
+    make = _kept_rings if phase < _KEPT else _rings
+    unit, weight = make(disc.inner / disc.outer, float(math.ceil(phase)), eps)
     at = disc.centre + disc.outer * unit
-    return Nodes(at, weight * disc.outer**2 * complex(beam.amplitude[0, 0]))
+    weight = weight * disc.outer**2
+    field = complex(beam.amplitude[0, 0]) if is_flat(beam) else beam.values(at)
+    return Nodes(at, np.asarray(weight * field, np.complex128))
 
 
-def _flat(beam: Beam) -> bool:
+def count_polar(beam: Beam, disc: Disc, reach: float) -> int | None:
+    """About how many nodes the rings have; None where there are none."""
+    phase = TURN * beam.sigma * disc.outer * (reach + _steepest(beam, disc))
+    return None if phase > TURN * _POLAR_CAP else int(_count(phase, 1e-6) ** 2 / 8.0)
+
+
+def _steepest(beam: Beam, disc: Disc) -> float:
+    """Largest |∂opl/∂u| on a polar grid over the disc, m."""
+    if is_flat(beam):
+        return 0.0
+    angle = np.linspace(0.0, TURN, 48, endpoint=False)
+    radius = disc.inner + (disc.outer - disc.inner) * np.linspace(0.0, 1.0, 9)
+    u = [disc.centre[a] + np.outer(radius, (np.cos, np.sin)[a](angle)).ravel() for a in (0, 1)]
+    return float(np.hypot(*beam.slope_at(np.column_stack(u)).T).max())
+
+
+def is_flat(beam: Beam) -> bool:
     """Whether a beam has neither aberration nor apodisation."""
     amplitude = np.abs(beam.amplitude).sum() - abs(beam.amplitude[0, 0])
-    return bool(amplitude == 0.0 and np.abs(beam.path).sum() * beam.sigma == 0.0)
+    return bool(amplitude == 0.0 and np.abs(beam.path).sum() == 0.0)
 
 
 def direct_sum(nodes: Nodes, sigma: float, x: Array, y: Array) -> NDArray[np.complex128]:
@@ -163,15 +183,13 @@ def direct_sum(nodes: Nodes, sigma: float, x: Array, y: Array) -> NDArray[np.com
     return out * sigma
 
 
-def quadrature_error(beam: Beam, nodes: Nodes, x: Array, y: Array, reach: float, level: int) -> float:
-    """|difference| of h by ``nodes`` from h by panels of ``level``, the largest at nine points of the patch."""
+def difference(one: Nodes, other: Nodes, sigma: float, x: Array, y: Array) -> float:
+    """Largest |difference| of h by two sets of nodes, at nine points of a patch: middle, edges, and the corners, where
+    the phase is steepest."""
     at = [np.unique(axis[np.linspace(0, axis.size - 1, 3).astype(int)]) for axis in (x, y)]
-    other = direct_sum(panel_nodes(beam, reach, level), beam.sigma, at[0], at[1])
-    return float(np.abs(direct_sum(nodes, beam.sigma, at[0], at[1]) - other).max())
+    return float(np.abs(direct_sum(one, sigma, *at) - direct_sum(other, sigma, *at)).max())
 
 
 def farthest(x: Array, y: Array) -> float:
     """Distance of the farthest corner of a patch from the reference point, m."""
     return math.hypot(float(np.abs(x).max()), float(np.abs(y).max()))
-
-

@@ -64,8 +64,8 @@ class SampledPatch(Planned):
             if max(count) > self.cells:
                 raise MethodLimitError(
                     self.name,
-                    f"{max(count)} samples across the pupils (limit {self.cells}) for a patch of {patch.count[0]} points "
-                    f"a side and a tolerance of {tol:.2g}",
+                    f"{max(count)} samples across the pupils (limit {self.cells}) for {patch.count[0]} points a side "
+                    f"and a tolerance of {tol:.2g}",
                     max(count) / self.cells,
                     "ask for a larger tolerance, or sum over the pupil (cgi_wave.wave.overlap)",
                 )
@@ -81,14 +81,13 @@ class SampledPatch(Planned):
         """The sum on the patch, its bound from the light that the patch is found to miss."""
         s: _Sampling = plan.sampling
         value, left, nodes = overlap_on_patch(self, pair, s.pitch, s.patch)
-        # What the gray edges damp is missing from the sums of |h|² too, and so is in ``left``.
-        return value, left + s.edges + pair.misfit + pair.rounding, nodes
+        # What the gray edges damp is missing from the sums of |h|² too, and so is in ``left``, all but products of it.
+        return value, left * (1.0 + 0.25 * s.damping) + s.edges + pair.misfit + pair.rounding, nodes
 
     def _alias_free(self, pair: Pair, patch: Patch) -> Array:
         """(2,) coarsest pitch at which no replica of either spot reaches the patch."""
         turns = [
-            steepest_step(b, None, edge, (1.0, 1.0)) / TURN
-            for b, edge in zip((pair.m, pair.l), pair.own, strict=True)
+            steepest_step(b, None, edge, (1.0, 1.0)) / TURN for b, edge in zip((pair.m, pair.l), pair.own, strict=True)
         ]
         return np.asarray(_STEEPEST / (np.max(turns, axis=0) + pair.m.sigma * patch.farthest))
 

@@ -31,7 +31,7 @@ class Patch:
 
     def axis(self, a: int) -> Array:
         """(count[a],) coordinates along axis a."""
-        return (np.arange(self.count[a]) + self.start[a]) * self.pitch[a]
+        return np.asarray((np.arange(self.count[a]) + self.start[a]) * self.pitch[a], np.float64)
 
     @property
     def half(self) -> Array:
@@ -115,7 +115,11 @@ def overlap_sum(pair: Pair, m: Amplitude, l: Amplitude, patch: Patch) -> tuple[c
     cell = patch.pitch[0] * patch.pitch[1]
     value = complex(np.vdot(l.field, m.field)) * cell / pair.norm * pair.constant
     missed = [
-        max(1.0 - float(np.vdot(h.field, h.field).real) * cell / b.power, 1e-15)
-        for h, b in ((m, pair.m), (l, pair.l))
+        max(1.0 - float(np.vdot(h.field, h.field).real) * cell / b.power, 1e-15) for h, b in ((m, pair.m), (l, pair.l))
     ]
     return value, math.sqrt(missed[0] * missed[1])
+
+
+def patch_noise(h: Amplitude, patch: Patch, power: float) -> float:
+    """Norm on the patch of an error of ``h.error`` everywhere, over √power: what it can change of γ."""
+    return h.error * math.sqrt(patch.count[0] * patch.count[1] * patch.pitch[0] * patch.pitch[1] / power)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 BLOCK = 16  # rows that one plan transforms: one plan per length serves arrays of any number of rows
 _FILE = "fftw-wisdom.json"
 _planning = threading.Lock()  # FFTW's planner is not safe in several threads
-_plans: dict[int, "_Plan"] = {}
+_plans: dict[int, _Plan] = {}
 _loaded = False
 
 
