@@ -32,10 +32,20 @@ def transform(
     for a in (0, 1):
         if abs(sigma * patch.pitch[a] * grid.pitch[a] * size[a] - 1.0) > 1e-9:
             raise ValueError("pitch on the detector times pitch in the pupil is not 1/(σ·size)")
+    samples = _folded(_folded(samples, size[0]).T, size[1]).T
     half = transform_rows(samples, grid.first[1], size[1], patch.start[1], patch.count[1])
     field = transform_rows(half, grid.first[0], size[0], patch.start[0], patch.count[0])
     field *= sigma * grid.cell
     return field
+
+
+def _folded(samples: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:
+    """Rows beyond a period added to those that they equal on the detector's points: a spare cell or two."""
+    if len(samples) <= size:
+        return samples
+    out = samples[:size].copy()
+    out[: len(samples) - size] += samples[size:]
+    return out
 
 
 @dataclass(frozen=True)
