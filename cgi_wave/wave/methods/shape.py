@@ -192,11 +192,8 @@ class Pair:
         return 4e-16 * (TURN * size + 10.0)
 
 
-def find_pair(m: PupilField, l: PupilField, sigma: float) -> Pair | None:  # noqa: E741
-    """Both beams at sigma, 1/m; None when their supports do not meet.
-
-    Raises InputError for fields of different spaces or reference points, EmptyBeamError for a support without light.
-    """
+def check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741
+    """Raises InputError for fields of different spaces or about different reference points."""
     if m.space != l.space or not np.allclose(m.reference_point, l.reference_point, rtol=0, atol=1e-12):
         raise InputError(
             f"pair {m.label} | {l.label}",
@@ -205,6 +202,14 @@ def find_pair(m: PupilField, l: PupilField, sigma: float) -> Pair | None:  # noq
             "the two fields stand in different spaces or about different points",
             "sample both about one detector point",
         )
+
+
+def find_pair(m: PupilField, l: PupilField, sigma: float) -> Pair | None:  # noqa: E741
+    """Both beams at sigma, 1/m; None when their supports do not meet.
+
+    Raises InputError for fields of different spaces or reference points, EmptyBeamError for a support without light.
+    """
+    check_pair(m, l)
     common = find_edge([m.support, l.support])
     if common is None:
         return None
