@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import j1, jv
 from synthetic_beams import beam, disc, hole
 
+from cgi_wave.wave.basis import evaluate
 from cgi_wave.wave.field import PupilField, fit_field
 from cgi_wave.wave.hopkins import HopkinsPair
 from cgi_wave.wave.overlap import overlap
@@ -35,6 +38,34 @@ def defocus(w020: float) -> complex:
     return complex(np.exp(1j * np.pi * w020) * np.sinc(w020))
 
 
+def bessel(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """2 J1(v)/v, Airy's amplitude."""
+    return np.where(v == 0.0, 1.0, 2.0 * j1(v) / np.where(v == 0.0, 1.0, v))
+
+
+def lommel(v: NDArray[np.float64], waves: float) -> NDArray[np.complex128]:
+    """∫ exp(i 2πW r²) J0(v r) 2r dr by the series in U1, U2 (|u/v| < 1) or V0, V1; Born and Wolf, 8.8.
+
+    With u = −4πW their exp(−i u r²/2) is our exp(+i 2πW r²).
+    """
+    u = -4.0 * np.pi * waves
+    out = np.empty(v.shape, complex)
+    for i, x in np.ndenumerate(v):
+        k = np.arange(60)
+        if abs(u) < x:
+            u1 = np.sum((-1.0) ** k * (u / x) ** (2 * k + 1) * jv(2 * k + 1, x))
+            u2 = np.sum((-1.0) ** k * (u / x) ** (2 * k + 2) * jv(2 * k + 2, x))
+            c, s = u1 * np.cos(u / 2) + u2 * np.sin(u / 2), u1 * np.sin(u / 2) - u2 * np.cos(u / 2)
+        else:
+            v0 = np.sum((-1.0) ** k * (x / u) ** (2 * k) * jv(2 * k, x))
+            v1 = np.sum((-1.0) ** k * (x / u) ** (2 * k + 1) * jv(2 * k + 1, x))
+            turn = x**2 / (2 * u)
+            c = np.sin(turn) + v0 * np.sin(u / 2) - v1 * np.cos(u / 2)
+            s = np.cos(turn) - v0 * np.cos(u / 2) - v1 * np.sin(u / 2)
+        out[i] = 2.0 / u * (c - 1j * s)
+    return out
+
+
 def cut_pair(sigma: float = 1.0e6) -> tuple[PupilField, PupilField]:
     """Two fitted fields: a disc cut by a vertical edge along the grid and by a slanted one, apodised; an annulus."""
     edges = [disc(1.0), lambda x, y: 0.55 - x, lambda x, y: 0.7 - 0.6 * x - 0.8 * y]
@@ -52,8 +83,6 @@ def area(support: Support) -> tuple[float, float]:
     """Lowest and highest area that a fine grid allows a support: cells all inside, and cells not all outside."""
     n = 1500
     x = (np.arange(n) + 0.5) / n * 2.0 - 1.0
-    from cgi_wave.wave.basis import evaluate
-
     least = evaluate(support.clearance, x, x).min(axis=0)
     least = np.minimum(least, 1.0 - x[:, None] ** 2 - x[None, :] ** 2)
     step = max(np.abs(np.diff(least, axis=a)).max() for a in (0, 1))

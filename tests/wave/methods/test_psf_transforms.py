@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cut_pair
-from scipy.special import j1, jv
+from cases import bessel, cut_pair, lommel
 
 from cgi_wave.errors import MethodLimitError
 from cgi_wave.wave.hopkins import HopkinsPair
@@ -19,35 +18,8 @@ pytest.importorskip("finufft")
 PATCH = Patch((-40, -24), (64, 48), (0.2, 0.25))
 
 
-def bessel(v):
-    return np.where(v == 0.0, 1.0, 2.0 * j1(v) / np.where(v == 0.0, 1.0, v))
-
-
 def radius(patch):
     return np.hypot(patch.axis(0)[:, None], patch.axis(1)[None, :])
-
-
-def lommel(v, waves):
-    """∫ exp(i 2πW r²) J0(v r) 2r dr by the series in U1, U2 (|u/v| < 1) or V0, V1; Born and Wolf, 8.8.
-
-    With u = −4πW their exp(−i u r²/2) is our exp(+i 2πW r²).
-    """
-    u = -4.0 * np.pi * waves
-    out = np.empty(v.shape, complex)
-    for i, x in np.ndenumerate(v):
-        k = np.arange(60)
-        if abs(u) < x:
-            u1 = np.sum((-1.0) ** k * (u / x) ** (2 * k + 1) * jv(2 * k + 1, x))
-            u2 = np.sum((-1.0) ** k * (u / x) ** (2 * k + 2) * jv(2 * k + 2, x))
-            c, s = u1 * np.cos(u / 2) + u2 * np.sin(u / 2), u1 * np.sin(u / 2) - u2 * np.cos(u / 2)
-        else:
-            v0 = np.sum((-1.0) ** k * (x / u) ** (2 * k) * jv(2 * k, x))
-            v1 = np.sum((-1.0) ** k * (x / u) ** (2 * k + 1) * jv(2 * k + 1, x))
-            turn = x**2 / (2 * u)
-            c = np.sin(turn) + v0 * np.sin(u / 2) - v1 * np.cos(u / 2)
-            s = np.cos(turn) - v0 * np.cos(u / 2) - v1 * np.sin(u / 2)
-        out[i] = 2.0 / u * (c - 1j * s)
-    return out
 
 
 def test_nufft_is_airy_to_what_it_is_asked():
