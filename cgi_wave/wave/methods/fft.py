@@ -40,11 +40,16 @@ def transform(
 
 
 def _folded(samples: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:
-    """Rows beyond a period added to those that they equal on the detector's points: a spare cell or two."""
+    """Rows beyond a period added to those that they equal on the detector's points.
+
+    A spare cell or two; more where the points are further apart than all frequencies ask for.
+    """
     if len(samples) <= size:
         return samples
     out = samples[:size].copy()
-    out[: len(samples) - size] += samples[size:]
+    for start in range(size, len(samples), size):
+        part = samples[start : start + size]
+        out[: len(part)] += part
     return out
 
 

@@ -51,7 +51,7 @@ def lommel(v: NDArray[np.float64], waves: float) -> NDArray[np.complex128]:
     u = -4.0 * np.pi * waves
     out = np.empty(v.shape, complex)
     for i, x in np.ndenumerate(v):
-        k = np.arange(60)
+        k = np.arange(60 + int(x / 2))  # the terms fall once their order exceeds v
         if abs(u) < x:
             u1 = np.sum((-1.0) ** k * (u / x) ** (2 * k + 1) * jv(2 * k + 1, x))
             u2 = np.sum((-1.0) ** k * (u / x) ** (2 * k + 2) * jv(2 * k + 2, x))
