@@ -40,7 +40,7 @@ def covering(lo: Array, hi: Array, pitch: tuple[float, float]) -> Grid:
     return Grid(pitch, (first[0], first[1]), (last[0] - first[0] + 1, last[1] - first[1] + 1))
 
 
-def _half_plane(value: Array, a: Array, b: Array) -> Array:
+def half_plane(value: Array, a: Array, b: Array) -> Array:
     """Share of a unit cell where value + a s + b t > 0, |s|, |t| <= 1/2; exact."""
     whole = np.abs(a) + np.abs(b)
     a = np.maximum(np.abs(a), 1e-5 * whole + 1e-300)
@@ -99,7 +99,7 @@ def shares(supports: Sequence[Support], grid: Grid, parts: int = PARTS) -> Array
         a = (ga[:, None] + haa[:, None] * p + corner[:, None] * q) / parts
         b = (gb[:, None] + hbb[:, None] * q + corner[:, None] * p) / parts
         # The least, not the product: two pupils often share an edge, and it must not count twice.
-        lit = np.minimum(lit, _half_plane(v, a, b))
+        lit = np.minimum(lit, half_plane(v, a, b))
     out[i, j] = lit.mean(axis=1)
     return out
 
