@@ -75,7 +75,7 @@ def nyquist(pair: Pair) -> tuple[float, float]:
 def lost(pair: Pair, patch: Patch) -> float:
     """Estimate beforehand of what a patch leaves out of γ, √(E_m E_l), from the light that edges scatter."""
     e = [scattered(b, edge, patch.centre, patch.half) for b, edge in zip((pair.m, pair.l), pair.own, strict=True)]
-    return math.sqrt(e[0] * e[1]) * math.sqrt(pair.m.power * pair.l.power) / pair.norm
+    return math.sqrt(e[0] * e[1])
 
 
 def choose_patch(pair: Pair, tol: float, method: str, cap: int = SIDE_CAP) -> tuple[Patch, float]:
