@@ -47,3 +47,15 @@ class EmptyBeamError(CgiWaveError):
 
 class FoldedFieldError(CgiWaveError):
     """The map from pupil to direction cosines folds or collapses: the direction-space field does not exist."""
+
+
+class MissingPackageError(CgiWaveError):
+    """A method needs a package that is not installed: its name, and the extra that brings it."""
+
+    def __init__(self, package: str, extra: str) -> None:
+        self.package, self.extra = package, extra
+        super().__init__(f"{package} is not installed; install the extra: pip install 'cgi-wave[{extra}]'")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """See ``InputError``."""
+        return type(self), (self.package, self.extra)
