@@ -179,7 +179,81 @@ def draw(band: str | None, out: str, instrument: str | None, as_json: bool) -> N
         click.echo(out)
 
 
-COMMANDS = (run, ghosts, psi, plan, draw)
+@click.command()
+@click.argument("coefficients", nargs=-1, metavar="W020=W [W040=W] [W131=W] [W222=W] [W111=W]")
+@click.option("--obscuration", type=float, default=0.0, show_default=True, metavar="E", help="Of the pupil's radius.")
+@click.option("--shift", default="0,0", show_default=True, metavar="SX,SY", help="Of beam m, in pupil radii.")
+@click.option("--tol", type=float, default=1e-8, show_default=True, metavar="T", help="Absolute error allowed.")
+@click.option("--method", default="auto", show_default=True, metavar="NAME", help="The cheapest, or one by name.")
+@_json
+def contrast(
+    coefficients: tuple[str, ...], obscuration: float, shift: str, tol: float, method: str, as_json: bool
+) -> None:
+    """Overlap contrast of two circular pupils.
+
+    Beam m is displaced by SX,SY pupil radii and has the given Hopkins coefficients, in waves at the edge of its own
+    pupil and about its own centre (W111, W131 along y, W222 on y²; phase exp(+i2πW)). Beam l is centred and perfect.
+    Both have the obscuration; each is normalised by its own power.
+    """
+    values = _coefficients(coefficients)
+    shift_x, shift_y = _pair_of_numbers("--shift", shift)
+    from cgi_wave.wave import hopkins
+    from cgi_wave.wave.methods import auto
+
+    pair = hopkins.HopkinsPair(**values, obscuration=obscuration, shift_x=shift_x, shift_y=shift_y)
+    with _computing():
+        found = auto.contrast(pair, tol, method)
+    document = {
+        "contrast": [found.value.real, found.value.imag],
+        "magnitude": abs(found.value),
+        "error_bound": found.error_bound,
+        "method": found.method,
+        "seconds": found.seconds,
+        "eq4": hopkins.eq4(pair),
+    }
+    if as_json:
+        from cgi_wave.report import output
+
+        click.echo(output.to_json(document))
+        return
+    eq4 = "none: beam m is a point as well" if document["eq4"] is None else f"{document['eq4']:.6g}"
+    click.echo(
+        f"contrast    {found.value.real:+.10e} {found.value.imag:+.10e}i\n"
+        f"magnitude   {abs(found.value):.10e}\n"
+        f"error bound {found.error_bound:.2g}\n"
+        f"method      {found.method} ({found.nodes} nodes, {found.seconds * 1e3:.3g} ms)\n"
+        f"Eq. 4       {eq4} (a perfect beam l is a point to geometric optics)"
+    )
+
+
+COMMANDS = (run, ghosts, psi, plan, contrast, draw)
+
+
+def _coefficients(words: Sequence[str]) -> dict[str, float]:
+    """NAME=WAVES words as keywords of HopkinsPair."""
+    names = ("w020", "w040", "w131", "w222", "w111")
+    found: dict[str, float] = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        if name.lower() not in names or name.lower() in found:
+            problem = "given twice" if name.lower() in found else "no coefficient of that name"
+            raise InputError("command line", "coefficient", word, problem, f"use {', '.join(names).upper()}, each once")
+        found[name.lower()] = _number(name, value)
+    return found
+
+
+def _pair_of_numbers(name: str, text: str) -> tuple[float, float]:
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise InputError("command line", name, text, "not two numbers", "write them as 0.1,0.2")
+    return _number(name, parts[0]), _number(name, parts[1])
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError("command line", name, text, "not a number", "write it as 10.25") from None
 
 
 def _analyse(

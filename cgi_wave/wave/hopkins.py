@@ -7,9 +7,11 @@ import time
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval2d
 
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.wave.basis import Array
+from cgi_wave.wave.eq4 import contrast_eq4
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.methods.base import Estimate
 from cgi_wave.wave.region import Support
@@ -108,6 +110,29 @@ class HopkinsPair:
             0.0,
             4,
         )
+
+
+def eq4(pair: HopkinsPair) -> float | None:
+    """Eq. 4 for a pair: RMS spot sizes from the slopes of W, beam l (perfect: a point) over beam m.
+
+    0 for any aberrated beam m, where the true overlap stays finite; None if beam m is a point along x or y as well.
+    """
+    t, weight = np.polynomial.legendre.leggauss(8)  # exact: W's slopes squared are of degree 6 in r
+    inner = pair.obscuration**2
+    r = np.sqrt(inner + (1.0 - inner) * 0.5 * (t + 1.0))
+    angle = 2.0 * np.pi * np.arange(16) / 16
+    x, y = np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle))
+    share = np.repeat(weight[:, None] / 32.0, 16, axis=1)
+    w = pair.powers()
+    sizes = []
+    for axis in (0, 1):
+        slope = polyval2d(x, y, polyder(w, axis=axis))
+        mean = (share * slope).sum()
+        sizes.append(math.sqrt(max((share * (slope - mean) ** 2).sum(), 0.0)))
+    scale = np.abs(w).sum()
+    if min(sizes) <= 1e-12 * scale:
+        return None
+    return contrast_eq4(0.0, 0.0, sizes[0], sizes[1])
 
 
 def contrast(pair: HopkinsPair, tol: float = 1e-8) -> Estimate:

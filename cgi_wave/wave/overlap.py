@@ -14,7 +14,7 @@ from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.wave.basis import Array, chebyshev_tail, chebyshev_wavenumbers, expand
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.region import METHOD as PANELS
-from cgi_wave.wave.region import SAFETY, Integral, Region, boundary, find_region, integrate, spread
+from cgi_wave.wave.region import SAFETY, Integral, Region, boundary, build, find_region, integrate, spread
 from cgi_wave.wave.stokes import BOUNDARY_METHOD as BOUNDARY
 from cgi_wave.wave.stokes import NO_FACTOR, boundary_integral
 
@@ -251,3 +251,20 @@ def overlap_spectrum(
         count / NODE_LIMIT,
         "narrow the band, or bound the contrast and leave the pair out",
     )
+
+
+def phase_spread(m: PupilField, l: PupilField, sigma: float) -> float:  # noqa: E741
+    """Waves through which the path difference of two fields runs over their common support; 0 if there is none."""
+    _check_pair(m, l)
+    region = find_region([m.support, l.support])
+    return 0.0 if region is None else spread(region, _pair(m, l, np.array([sigma]), region).phase)
+
+
+def quadrature_nodes(m: PupilField, l: PupilField, sigma: float) -> float:  # noqa: E741
+    """Nodes of the first two levels of Gauss panels for a pair. Raises MethodLimitError beyond the node cap."""
+    _check_pair(m, l)
+    region = find_region([m.support, l.support])
+    if region is None:
+        return 0.0
+    phase = _pair(m, l, np.array([sigma]), region).phase
+    return float(sum(build(region, phase, 0.0, level).nodes for level in (0, 1)))

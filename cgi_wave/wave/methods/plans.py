@@ -35,12 +35,17 @@ class _Plan:
         self.source[:] = 0.0  # measuring has used it
 
 
-def wisdom_file() -> Path:
-    """Where plans are kept: the user's cache folder of this platform, XDG_CACHE_HOME where that is set."""
+def cache_folder() -> Path:
+    """Where what was measured on this machine is kept: the user's cache folder, XDG_CACHE_HOME where that is set."""
     from platformdirs import user_cache_path
 
     base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) / "cgi-wave" if base else user_cache_path("cgi-wave", appauthor=False)) / _FILE
+    return Path(base) / "cgi-wave" if base else user_cache_path("cgi-wave", appauthor=False)
+
+
+def wisdom_file() -> Path:
+    """Where FFTW's plans are kept."""
+    return cache_folder() / _FILE
 
 
 def _load() -> None:
