@@ -59,7 +59,7 @@ def test_edge_law_bounds_an_edge_along_the_grid(offset):
 @pytest.mark.parametrize("waves", [1.25, 10.25, 137.3])
 def test_defocus_follows_four_pi_thirds_w_over_n_squared(waves):
     pair = find_pair(*HopkinsPair(w020=waves).pupil_fields(), 1.0)
-    n = int(8 * waves) + 256  # the law is the leading term of the pupil's curvature and of the phase in a cell
+    n = int(16 * waves) + 256  # the law is the leading term of the pupil's curvature and of the phase in a cell
     pitch = (2.0 / n, 2.0 / n)
     exact = np.exp(1j * np.pi * waves) * np.sinc(waves)
     error = abs(overlap_on_window(pair, pitch, n + 2) - exact)
