@@ -99,7 +99,7 @@ def test_bound_holds_for_edges_along_the_grid_and_apodised_beams():
     pair = find_pair(m, l, 1.0e6)
     exact, misfit = quadrature(m, l, 1.0e6)
     lo, hi = pair.box
-    for n in range(60, 90):  # the edge at x = 0.55 at many places in its cell
+    for n in range(60, 90, 2):  # the edge at x = 0.55 at many places in its cell
         pitch = tuple((hi - lo) / n)
         bound = edge_error(pair.m, pair.l, pair.common, pitch) / pair.norm
         assert abs(overlap_on_window(pair, pitch, n + 2) - exact) <= bound + misfit
