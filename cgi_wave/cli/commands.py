@@ -226,7 +226,51 @@ def contrast(
     )
 
 
-COMMANDS = (run, ghosts, psi, plan, contrast, draw)
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("name", required=False)
+@click.argument("options", nargs=-1, type=click.UNPROCESSED)
+@_json
+def validate(name: str | None, options: tuple[str, ...], as_json: bool) -> int:
+    """Run the validation study NAME, or list the studies.
+
+    Studies compare with closed forms, with other programs and with the paper, write a report where they have one, and
+    print their figures. OPTIONS go to the study: `cgi-wave validate contrast -- --help` shows them. They come with the
+    source of the package, not with the installed package.
+    """
+    import subprocess
+
+    folder = Path(__file__).parents[2] / "validation"
+    studies = {file.stem: file for file in sorted(folder.glob("*.py")) if _is_study(file)}
+    if not studies:
+        remedy = "run it from a copy of the source"
+        raise InputError("command line", "validate", str(folder), "the studies are not there", remedy)
+    if name is None:
+        if as_json:
+            from cgi_wave.report import output
+
+            click.echo(output.to_json({"studies": {n: _first_line(f) for n, f in studies.items()}}))
+        else:
+            click.echo("\n".join(f"{n:15} {_first_line(f)}" for n, f in studies.items()))
+        return 0
+    if name not in studies:
+        raise InputError("command line", "NAME", name, "there is no such study", f"use one of {', '.join(studies)}")
+    words = [sys.executable, str(studies[name]), *options, *(["--json"] if as_json else [])]
+    return subprocess.run(words, check=False).returncode
+
+
+COMMANDS = (run, ghosts, psi, plan, contrast, validate, draw)
+
+
+def _is_study(file: Path) -> bool:
+    return '__name__ == "__main__"' in file.read_text(encoding="utf-8")
+
+
+def _first_line(file: Path) -> str:
+    """What a study says of itself in the first line of its docstring."""
+    import ast
+
+    text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return text.splitlines()[0] if text else ""
 
 
 def _coefficients(words: Sequence[str]) -> dict[str, float]:
