@@ -11,6 +11,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from cgi_wave.kernels.pupil import chebyshev_powers
+
 Array = NDArray[np.float64]
 
 
@@ -43,22 +45,10 @@ def at_points(coef: Array, x: Array) -> Array:
     return values
 
 
-def _affine_powers(shift: float, stretch: float, n: int) -> Array:
-    """(n, n) matrix of T_i(shift + stretch t) in powers of t."""
-    rows = np.zeros((n, n))
-    rows[0, 0] = 1.0
-    if n > 1:
-        rows[1, 0], rows[1, 1] = shift, stretch
-    for i in range(2, n):
-        rows[i] = 2.0 * shift * rows[i - 1] - rows[i - 2]
-        rows[i, 1:] += 2.0 * stretch * rows[i - 1, :-1]
-    return rows
-
-
 def expand(coef: Array, centre: Array, scale: Array, pivot: Array, frame: Array, n: int) -> Array:
     """Powers (..., n, n) about ``pivot`` in units ``frame`` of Chebyshev products (..., k, k), k <= n; exact."""
     k = coef.shape[-1]
-    powers = [_affine_powers((pivot[a] - centre[a]) / scale[a], frame[a] / scale[a], k) for a in (0, 1)]
+    powers = [chebyshev_powers((pivot[a] - centre[a]) / scale[a], frame[a] / scale[a], k) for a in (0, 1)]
     out = np.zeros((*coef.shape[:-2], n, n))
     out[..., :k, :k] = np.swapaxes(powers[0], 0, 1) @ coef @ powers[1]
     return out

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval2d
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError, MethodLimitError
@@ -110,8 +109,8 @@ def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
         boundary_integral(curves, phase, a, b, pair.steer if t == middle else NO_FACTOR, tol * norm / area)
         for t, (phase, a, b, norm) in enumerate(zip(pair.phase, pair.a, pair.b, pair.norm, strict=True))
     ]
-    x, y = region.extent.T
-    strip = missed * float(np.abs(polyval2d(x, y, pair.a[middle]) * polyval2d(x, y, pair.b[middle])).max())
+    # |x|, |y| <= 1 in the frame: the sum of the coefficients bounds a polynomial there
+    strip = missed * float(np.abs(pair.a[middle]).sum() * np.abs(pair.b[middle]).sum())
     length = float(np.hypot(*np.moveaxis(curves[:, :, 1], 1, 0)).sum()) * 2.0
     error = area * (np.array([f.error for f in found]) + strip * length)
     worst = float(np.max(error / pair.norm))
