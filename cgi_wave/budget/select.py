@@ -41,14 +41,15 @@ def select_ghosts(
         for path in paths
         if path.order > 0 and path.estimate <= POWER_FLOOR and np.sqrt(path.estimate / t1) / nma > floor
     ]
-    ranges = np.array([opd_range(system, path, paths[:2]) for path in weak]).reshape(-1, 2)
-    bound = np.sqrt(np.array([path.estimate for path in weak]) / t1) * envelope(ranges[:, 0], ranges[:, 1]) / nma
+    low, high = opd_ranges(system, weak, paths[:2])
+    bound = np.sqrt(np.array([path.estimate for path in weak]) / t1) * envelope(low, high) / nma
     return (*strong, *(path for path, b in zip(weak, bound, strict=True) if b > floor))
 
 
-def opd_range(system: OpticalSystem, path: Path, nominal: Sequence[Path]) -> tuple[float, float]:
-    """Range of a found ghost's OPD to both nominal beams, m: of the probe that found it, with MARGIN."""
-    p, theta = (values[[path.probe]] for values in pupil_probes(system, PROBES))
-    lengths = [trace(compile_sequence(system, each, system.sigma0), p, theta).opl[0] for each in (path, *nominal)]
-    differences = lengths[0] - np.array(lengths[1:])
-    return float(differences.min() - MARGIN), float(differences.max() + MARGIN)
+def opd_ranges(system: OpticalSystem, paths: Sequence[Path], nominal: Sequence[Path]) -> tuple[Array, Array]:
+    """Ranges of found ghosts' OPDs to both nominal beams, m: of the probes that found them, with MARGIN; (P,) each."""
+    p, theta = pupil_probes(system, PROBES)
+    straight = np.array([trace(compile_sequence(system, path, system.sigma0), p, theta).opl for path in nominal])
+    own = np.array([path.length for path in paths])
+    differences = own - straight[:, np.array([path.probe for path in paths], dtype=np.int64)]
+    return differences.min(axis=0) - MARGIN, differences.max(axis=0) + MARGIN

@@ -9,9 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError
+from cgi_wave.kernels.trace import clearance_rows
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
-from cgi_wave.rays.trace import THETA_STEP, Sequence, Traced, aim, caustics, compile_sequence, jacobian, trace, trouble
+from cgi_wave.rays.trace import (
+    Sequence,
+    aim,
+    aim_and_trace,
+    caustics,
+    compile_sequence,
+    jacobian,
+    trace,
+    trace_with_derivatives,
+    trouble,
+)
 
 Array = NDArray[np.float64]
 
@@ -48,7 +59,7 @@ class Rays:
 
     u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
     amplitude (S, N): √(power · Jacobian); clearance (K, S, N); direction (S, N, 2); pupil (S, N, 2) m;
-    x (S, N, 2) m on the detector; phase rad; lost: what stopped rays, by kind and surface.
+    x (S, N, 2) m on the detector; phase rad.
     even (N,): rays that are spread evenly over the pupil, each for a cell of ``cell`` m² (the others line the rim).
     """
 
@@ -60,7 +71,6 @@ class Rays:
     pupil: Array
     x: Array
     phase: float
-    lost: dict[str, int]
     even: NDArray[np.bool_]
     cell: float
 
@@ -141,14 +151,17 @@ class Spot:
     x: Array
 
 
-def disc(count: int, margin: float = 1.0) -> Array:
-    """Points (count, 2) spread evenly over the unit disc (sunflower), with a ring on its edge; scaled by ``margin``."""
+@lru_cache(maxsize=8)
+def disc(count: int) -> Array:
+    """Points (count, 2) spread evenly over the unit disc (sunflower), with a ring on its edge; not to be written to."""
     ring = _ring(count)
     k = np.arange(count - ring) + 0.5
     radius, angle = np.sqrt(k / (count - ring)), np.pi * (1 + 5**0.5) * k
     edge = 2 * np.pi * np.arange(ring) / ring
     inner = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) * EVEN
-    return margin * np.concatenate([inner, np.column_stack([np.cos(edge), np.sin(edge)])])
+    points = np.concatenate([inner, np.column_stack([np.cos(edge), np.sin(edge)])])
+    points.flags.writeable = False
+    return points
 
 
 def nominal_direction(system: OpticalSystem, path: Path, x0: Array) -> Array:
@@ -178,49 +191,41 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     One ray per pupil point; G(p, x0) has amplitude |∂q/∂p|^½ = |det ∂x/∂θ|^−½ (the map is symplectic).
     start (2,): first guess of the source direction. Raises EmptyBeamError if no ray arrives.
     """
-    middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
-    guess = _linear_guess(middle, x0, start)
+    middle = len(sigmas) // 2
+    sequence = compile_sequence(system, path, float(sigmas[middle]))
+    guess = _linear_guess(sequence, x0, start)
     radius = system.pupil_radius
     centre, half = np.zeros(2), radius * 1.03
     for last in (False, False, False, True):
         p = centre + half * disc(NODES)
-        theta, ok = aim(middle, p, x0, guess(p))
-        traced = trace(middle, p, theta)
-        inside = ok & traced.passes & ((p**2).sum(axis=1) < radius**2)
+        aimed = aim_and_trace(sequence, p, x0, guess(p))
+        inside = aimed.ok & aimed.traced.passes & ((p**2).sum(axis=1) < radius**2)
         if not inside.any():
-            raise EmptyBeamError(f"{path.label}: no ray reaches {x0 * 1e3} mm; {trouble(middle, traced)}")
+            raise EmptyBeamError(f"{path.label}: no ray reaches {x0 * 1e3} mm; {trouble(sequence, aimed.traced)}")
         if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
         centre, half = _bounding_disc(p[inside], half)
-    # Over a band the directions hardly change: the middle wavenumber's matrix serves the others.
-    matrix = jacobian(middle, p, theta, THETA_STEP)[0]
-    per_sigma = []
-    for sigma in sigmas:
-        sequence = compile_sequence(system, path, float(sigma))
-        theta_s, ok_s = aim(sequence, p, x0, theta, matrix)
-        per_sigma.append((sequence, theta_s, ok_s))
-    # A ray whose neighbours fail has no Jacobian: it is left out at all wavenumbers.
-    matrices = [jacobian(sequence, p, theta_s, THETA_STEP)[0] for sequence, theta_s, _ in per_sigma]
-    keep = ok & np.all([entry[2] for entry in per_sigma], axis=0) & np.isfinite(matrices).all(axis=(0, 2, 3))
+    beams = []
+    for s, sigma in enumerate(sigmas):
+        at = compile_sequence(system, path, float(sigma))
+        beams.append(aimed if s == middle else aim_and_trace(at, p, x0, aimed.theta))
+    keep = np.all([beam.ok for beam in beams], axis=0)
     if keep.sum() < FEWEST:
         raise EmptyBeamError(
             f"{path.label}: {keep.sum()} of {len(p)} rays can be aimed at {x0 * 1e3} mm, {FEWEST} are needed"
         )
     p = p[keep]
     parts = []
-    for (sequence, theta_s, _), matrix in zip(per_sigma, matrices, strict=True):
-        traced = trace(sequence, p, theta_s[keep], footprints=True)
+    for beam in beams:
+        traced = beam.traced if keep.all() else beam.traced.some(keep)
         # What is left of the aiming error moves the end of the ray by δx: to first order Λ changes by q·δx.
         opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(matrix[keep])), 1e-300))
-        parts.append((p, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(beam.by_theta[keep])), 1e-300))
+        parts.append((p, opl, amplitude, clearance_rows(sequence.aperture, traced.foot), traced.direction, p, traced.x))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
-    crossed = caustics(
-        per_sigma[len(sigmas) // 2][0], p[nearest], per_sigma[len(sigmas) // 2][1][keep][nearest], "theta"
-    )
+    crossed = caustics(sequence, p[nearest], aimed.theta[keep][nearest], "theta")
     even = (np.arange(NODES) < NODES - RING)[keep]
-    phase = middle.phase - 0.5 * np.pi * crossed
-    return _stack(parts, radius, phase, trouble(middle, traced), even, half)
+    return _stack(parts, radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
 
 
 def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array) -> Rays:
@@ -228,37 +233,48 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
 
     Â(q) has amplitude |∂p/∂q|^½. Raises EmptyBeamError if no ray arrives.
     """
-    middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
+    middle = len(sigmas) // 2
+    sequence = compile_sequence(system, path, float(sigmas[middle]))
     radius = system.pupil_radius
     centre, half = np.zeros(2), radius * 1.03
     for last in (False, False, False, True):
         p = centre + half * disc(NODES)
-        traced = trace(middle, p, theta)
+        found = trace_with_derivatives(sequence, p, theta, "p")
+        traced = found.traced
         inside = traced.passes & ((p**2).sum(axis=1) < radius**2)
         if not inside.any():
-            raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(middle, traced)}")
+            raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, traced)}")
         if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
         centre, half = _bounding_disc(p[inside], half)
-    even = (np.arange(NODES) < NODES - RING)[traced.valid]
-    p = p[traced.valid]
+    keep = traced.valid
+    even = (np.arange(NODES) < NODES - RING)[keep]
+    nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
+    curvature = found.dq[keep][nearest] @ np.linalg.inv(found.dx[keep][nearest])
+    p = p[keep]
     parts = []
-    for sigma in sigmas:
-        sequence = compile_sequence(system, path, float(sigma))
-        traced = trace(sequence, p, theta, footprints=True)
-        _, by_p = jacobian(sequence, p, theta, 1e-3 * radius, of="p")
+    for s, sigma in enumerate(sigmas):
+        at = compile_sequence(system, path, float(sigma))
+        here = found if s == middle else trace_with_derivatives(at, p, theta, "p")
+        traced, by_p = here.traced, here.dq
+        if len(traced.opl) > len(p):
+            traced, by_p = traced.some(keep), by_p[keep]
         # The incoming plane wave reaches pupil point p with the phase of p·θ.
         opl = traced.opl + p @ theta - (traced.direction * (traced.x - x0)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(by_p)), 1e-300))
-        parts.append((traced.direction, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
-    nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
-    crossed = caustics(middle, p[nearest], theta, "p")
-    dx, dq = jacobian(middle, p[nearest : nearest + 1], theta, 1e-3 * radius, of="p")
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(by_p)), 1e-300))
+        clearance = clearance_rows(sequence.aperture, traced.foot)
+        parts.append((traced.direction, opl, amplitude, clearance, traced.direction, p, traced.x))
+    crossed = caustics(sequence, p[nearest], theta, "p")
     # From position to direction by stationary phase: exp(iπ/4 · signature of ∂q/∂x).
-    curvature = dq[0] @ np.linalg.inv(dx[0])
     signature = np.sign(np.linalg.eigvals(curvature).real).sum()
-    phase = middle.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
-    return _stack(parts, radius, phase, trouble(middle, traced), even, half)
+    phase = sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
+    return _stack(parts, radius, phase, even, half)
+
+
+def _det(matrices: Array) -> Array:
+    """Determinants (N,) of (N, 2, 2)."""
+    value: Array = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+    return value
 
 
 def _linear_guess(sequence: Sequence, x0: Array, start: Array):  # type: ignore[no-untyped-def]
@@ -267,8 +283,8 @@ def _linear_guess(sequence: Sequence, x0: Array, start: Array):  # type: ignore[
     theta, ok = aim(sequence, pivot, x0, start)
     if not ok[0]:
         theta = start[None]
-    by_theta = jacobian(sequence, pivot, theta, THETA_STEP)[0][0]
-    by_p = jacobian(sequence, pivot, theta, 1e-4, of="p")[0][0]
+    by_theta = jacobian(sequence, pivot, theta)[0][0]
+    by_p = jacobian(sequence, pivot, theta, of="p")[0][0]
     if not (np.isfinite(by_theta).all() and np.isfinite(by_p).all()) or abs(np.linalg.det(by_theta)) < 1e-14:
         return lambda p: np.broadcast_to(start, p.shape)
     matrix = -np.linalg.solve(by_theta, by_p)
@@ -282,21 +298,7 @@ def _bounding_disc(points: Array, half: float) -> tuple[Array, float]:
     return centre, float(np.sqrt(((points - centre) ** 2).sum(axis=1)).max() + 1.5 * spacing)
 
 
-def _clearances(sequence: Sequence, traced: Traced) -> Array:
-    """Smooth signed clearances of every aperture on the way, (K', N): one per circle, four per rectangle."""
-    rows = []
-    for k, ap in enumerate(sequence.aperture):
-        x, y = traced.foot[k, 0] - ap[3], traced.foot[k, 1] - ap[4]
-        if ap[0] == 1.0:
-            rows.append(1.0 - (x * x + y * y) / ap[1] ** 2)
-        else:
-            rows += [1.0 - x / ap[1], 1.0 + x / ap[1], 1.0 - y / ap[2], 1.0 + y / ap[2]]
-    return np.array(rows)
-
-
-def _stack(
-    parts: list, radius: float, phase: float, lost: dict[str, int], even: NDArray[np.bool_], half: float
-) -> Rays:
+def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float) -> Rays:
     u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
     cell = float(np.pi * (EVEN * half) ** 2 / (NODES - RING))
@@ -304,7 +306,7 @@ def _stack(
     # An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
     near = clearance.min(axis=(1, 2)) < COMFORTABLE
     near[0] = True
-    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, lost, even, cell)
+    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell)
 
 
 def limiting(clearance: Array, p: Array) -> Array:

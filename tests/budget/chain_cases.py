@@ -166,7 +166,7 @@ def filter_face(instrument: Instrument, system: OpticalSystem, nominal: Path, pe
     rim = system.pupil_radius * (1 - 1e-9) * np.array([[0.0, 1.0], [0.0, -1.0]])
     sine = np.ptp(trace(sequence, rim, theta).direction[:, 1]) / 2
     f_number = 1.0 / (2.0 * np.tan(np.arcsin(sine)))
-    by_theta = jacobian(sequence, np.zeros((1, 2)), theta, 1e-5)
+    by_theta = jacobian(sequence, np.zeros((1, 2)), theta)
     bend = by_theta[1][0] @ np.linalg.inv(by_theta[0][0])  # how the chief ray's direction turns along the detector
     kappa = float(np.linalg.det(np.eye(2) + 2.0 * distance * bend))
     z = 2.0 * np.pi * distance / f_number / period
@@ -240,8 +240,10 @@ def landing_power(system: OpticalSystem, path: Path, x0, half: float, count: int
     rng = np.random.default_rng(seed)
     sequence = compile_sequence(system, path, system.sigma0)
     theta, ok = aim(sequence, even_pupil(system, 300), x0, np.zeros(2))
+    # A virtual ray brings no light: where it would have to start need not be covered.
+    ok[ok] = trace(sequence, even_pupil(system, 300)[ok], theta[ok]).status == 0
     some = even_pupil(system, 300)[ok]
-    move = np.abs(np.linalg.inv(jacobian(sequence, some, theta[ok], 2e-5)[0])).sum(axis=2).max(axis=0) * half
+    move = np.abs(np.linalg.inv(jacobian(sequence, some, theta[ok])[0])).sum(axis=2).max(axis=0) * half
     low, high = theta[ok].min(axis=0) - 1.5 * move, theta[ok].max(axis=0) + 1.5 * move
     radius, angle = system.pupil_radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
     p = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
