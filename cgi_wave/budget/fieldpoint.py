@@ -12,17 +12,9 @@ from cgi_wave.budget.plan import PairPlan, plan_pairs
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.beams import (
-    Rays,
-    Sheet,
-    disc,
-    limiting,
-    monomial_powers,
-    monomials,
-    nominal_direction,
-    rays_to_point,
-    spot,
-)
+from cgi_wave.rays.beams import Rays, Sheet, nominal_direction, rays_to_point, spot
+from cgi_wave.rays.clearances import limiting
+from cgi_wave.rays.disc import disc, monomial_powers, monomials
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.basis import chebyshev_wavenumbers
 from cgi_wave.wave.field import PupilField, fit_field, power

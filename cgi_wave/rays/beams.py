@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,46 +10,18 @@ from numpy.typing import NDArray
 from cgi_wave.errors import EmptyBeamError
 from cgi_wave.kernels.trace import clearance_rows
 from cgi_wave.optics.system import OpticalSystem
+from cgi_wave.rays.disc import EVEN, NODES, disc, fitted, monomials, rim
+from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc, rays_over_feed
 from cgi_wave.rays.paths import Path
-from cgi_wave.rays.trace import (
-    Sequence,
-    aim,
-    aim_and_trace,
-    caustics,
-    compile_sequence,
-    jacobian,
-    trace,
-    trace_with_derivatives,
-    trouble,
-)
+from cgi_wave.rays.trace import aim, aim_and_trace, caustics, compile_sequence, trace, trace_with_derivatives, trouble
 
 Array = NDArray[np.float64]
 
-#: Rays per beam: enough for a polynomial of degree 12 with a third to spare.
-NODES = 280
 #: Rays without which a beam is given up.
 FEWEST = 30
-#: Share of rays that must pass before a beam is sampled; below it the sampled disc is drawn in around those that do.
-FILLED = 0.55
-#: Points at which clearances are compared, and the most by which one changes between two of them: an aperture is
-#: carried along if its clearance falls below this where all others are above minus this.
-COMPARED = 1500
+#: An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
 COMFORTABLE = 0.25
-LIMITING = 0.05
-#: Apertures whose clearances agree to this everywhere are one (the stop and its image, a plate's two passes).
-SAME = 1e-6
-
-
-#: The even part of a sampled disc ends at this share of its radius; the rest lines its edge, for the fits.
-EVEN = 0.985
-
-
-def _ring(count: int) -> int:
-    """How many of ``count`` points line the edge of the disc."""
-    return int(3.0 * np.sqrt(count))
-
-
-RING = _ring(NODES)
+RING = rim(NODES)
 
 
 @dataclass(frozen=True)
@@ -97,9 +68,8 @@ class Rays:
         group = (product[-1] - product[0]) / (sigma[-1] - sigma[0]) if len(sigma) > 1 else self.opl[0]
         values = np.column_stack([self.opl[middle], group, self.direction[middle, :, 1]])
         degree = 8 if len(p) >= 90 else 4
-        q, r = np.linalg.qr(monomials((p - centre) / half, degree))
         lit = (self.clearance[:, middle] > 0).all(axis=0)
-        return Sheet(p[lit], centre, half, degree, np.linalg.solve(r, q.T @ values))
+        return Sheet(p[lit], centre, half, degree, fitted((p - centre) / half, values, degree))
 
 
 @dataclass(frozen=True)
@@ -151,19 +121,6 @@ class Spot:
     x: Array
 
 
-@lru_cache(maxsize=8)
-def disc(count: int) -> Array:
-    """Points (count, 2) spread evenly over the unit disc (sunflower), with a ring on its edge; not to be written to."""
-    ring = _ring(count)
-    k = np.arange(count - ring) + 0.5
-    radius, angle = np.sqrt(k / (count - ring)), np.pi * (1 + 5**0.5) * k
-    edge = 2 * np.pi * np.arange(ring) / ring
-    inner = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) * EVEN
-    points = np.concatenate([inner, np.column_stack([np.cos(edge), np.sin(edge)])])
-    points.flags.writeable = False
-    return points
-
-
 def nominal_direction(system: OpticalSystem, path: Path, x0: Array) -> Array:
     """Source direction (2,) whose ray through the pupil's centre meets the detector point ``x0`` (2,; m)."""
     theta, ok = aim(compile_sequence(system, path, system.sigma0), np.zeros((1, 2)), x0, np.zeros(2))
@@ -174,7 +131,7 @@ def nominal_direction(system: OpticalSystem, path: Path, x0: Array) -> Array:
 
 def spot(system: OpticalSystem, path: Path, theta: Array, sigma: float, count: int = 2000) -> Spot:
     """Geometric spot of ``path`` for source direction ``theta`` (2,). Raises EmptyBeamError if no ray arrives."""
-    points = disc(count)[: count - _ring(count)] / EVEN * system.pupil_radius
+    points = disc(count)[: count - rim(count)] / EVEN * system.pupil_radius
     traced = trace(compile_sequence(system, path, sigma), points, theta)
     ok = traced.passes
     if not ok.any():
@@ -193,18 +150,7 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     """
     middle = len(sigmas) // 2
     sequence = compile_sequence(system, path, float(sigmas[middle]))
-    guess = _linear_guess(sequence, x0, start)
-    radius = system.pupil_radius
-    centre, half = np.zeros(2), radius * 1.03
-    for last in (False, False, False, True):
-        p = centre + half * disc(NODES)
-        aimed = aim_and_trace(sequence, p, x0, guess(p))
-        inside = aimed.ok & aimed.traced.passes & ((p**2).sum(axis=1) < radius**2)
-        if not inside.any():
-            raise EmptyBeamError(f"{path.label}: no ray reaches {x0 * 1e3} mm; {trouble(sequence, aimed.traced)}")
-        if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
-            break
-        centre, half = _bounding_disc(p[inside], half)
+    p, half, aimed = rays_over_feed(system, path, sequence, x0, start)
     beams = []
     for s, sigma in enumerate(sigmas):
         at = compile_sequence(system, path, float(sigma))
@@ -225,7 +171,7 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
     crossed = caustics(sequence, p[nearest], aimed.theta[keep][nearest], "theta")
     even = (np.arange(NODES) < NODES - RING)[keep]
-    return _stack(parts, radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
+    return _stack(parts, system.pupil_radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
 
 
 def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array) -> Rays:
@@ -236,7 +182,7 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
     middle = len(sigmas) // 2
     sequence = compile_sequence(system, path, float(sigmas[middle]))
     radius = system.pupil_radius
-    centre, half = np.zeros(2), radius * 1.03
+    centre, half = np.zeros(2), radius * OVER
     for last in (False, False, False, True):
         p = centre + half * disc(NODES)
         found = trace_with_derivatives(sequence, p, theta, "p")
@@ -246,7 +192,7 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
             raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, traced)}")
         if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
-        centre, half = _bounding_disc(p[inside], half)
+        centre, half = bounding_disc(p[inside], half, NODES)
     keep = traced.valid
     even = (np.arange(NODES) < NODES - RING)[keep]
     nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
@@ -277,85 +223,11 @@ def _det(matrices: Array) -> Array:
     return value
 
 
-def _linear_guess(sequence: Sequence, x0: Array, start: Array):  # type: ignore[no-untyped-def]
-    """Source directions for all pupil points, from the linear map about one ray that ends on ``x0``."""
-    pivot = np.zeros((1, 2))
-    theta, ok = aim(sequence, pivot, x0, start)
-    if not ok[0]:
-        theta = start[None]
-    by_theta = jacobian(sequence, pivot, theta)[0][0]
-    by_p = jacobian(sequence, pivot, theta, of="p")[0][0]
-    if not (np.isfinite(by_theta).all() and np.isfinite(by_p).all()) or abs(np.linalg.det(by_theta)) < 1e-14:
-        return lambda p: np.broadcast_to(start, p.shape)
-    matrix = -np.linalg.solve(by_theta, by_p)
-    return lambda p: np.clip(theta[0] + p @ matrix.T, -0.4, 0.4)
-
-
-def _bounding_disc(points: Array, half: float) -> tuple[Array, float]:
-    """Disc around the points that arrived, with room for what lies between them and the next ones."""
-    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    spacing = 1.8 * half / np.sqrt(NODES)
-    return centre, float(np.sqrt(((points - centre) ** 2).sum(axis=1)).max() + 1.5 * spacing)
-
-
 def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float) -> Rays:
     u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
     cell = float(np.pi * (EVEN * half) ** 2 / (NODES - RING))
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
-    # An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
     near = clearance.min(axis=(1, 2)) < COMFORTABLE
     near[0] = True
     return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell)
-
-
-def limiting(clearance: Array, p: Array) -> Array:
-    """The clearances (K', S, N) of (K, S, N) that bound the beam; at least one. p (N, 2): pupil points.
-
-    Most apertures on a long path are passed with room to spare, or lie in the shadow of another (a mirror next to an
-    image of the stop). Polynomials through the samples say which, on points much denser than the rays.
-    """
-    centre = 0.5 * (p.min(axis=0) + p.max(axis=0))
-    x = (p - centre) / np.sqrt(((p - centre) ** 2).sum(axis=1)).max()
-    # The usual disc has its operator kept; a beam that lost rays needs one of its own.
-    to_dense = _usual_operator() if len(x) == NODES else _operator(x, 8 if len(x) >= 90 else 4)
-    dense = clearance[:, clearance.shape[1] // 2] @ to_dense.T
-    order = np.argsort(dense.min(axis=1))
-    kept: list[int] = []
-    for k in order:
-        others = dense[kept].min(axis=0) if kept else np.full(dense.shape[1], np.inf)
-        cuts = bool(((dense[k] < LIMITING) & (others > -LIMITING)).any())
-        if cuts and all(np.abs(dense[k] - dense[j]).max() > SAME for j in kept):
-            kept.append(int(k))
-    for k in list(kept):
-        rest = [j for j in kept if j != k]
-        if rest and not ((dense[k] < LIMITING) & (dense[rest].min(axis=0) > -LIMITING)).any():
-            kept = rest
-    return clearance[kept or [int(order[0])]]
-
-
-@lru_cache(maxsize=1)
-def _usual_operator() -> Array:
-    return _operator(disc(NODES))
-
-
-def _operator(x: Array, degree: int = 8) -> Array:
-    """(COMPARED, N): values of the polynomial through samples at ``x`` on dense points of the unit disc."""
-    q, r = np.linalg.qr(monomials(x, degree))
-    operator: Array = np.linalg.solve(r.T, monomials(disc(COMPARED), degree).T).T @ q.T
-    return operator
-
-
-def monomial_powers(degree: int) -> list[tuple[int, int]]:
-    """Powers (i, j), i + j ≤ degree, in the order of ``monomials``."""
-    return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
-
-
-def monomials(x: Array, degree: int = 8) -> Array:
-    """(N, T) products x^i y^j, i + j ≤ degree, of points (N, 2) in the unit disc."""
-    i, j = np.array(monomial_powers(degree)).T
-    powers = np.ones((degree + 1, *x.shape))
-    for k in range(1, degree + 1):
-        powers[k] = powers[k - 1] * x
-    values: Array = (powers[i, :, 0] * powers[j, :, 1]).T
-    return values

@@ -18,7 +18,8 @@ from cgi_wave.fringes.chebyshev import interpolation_matrix
 from cgi_wave.fringes.nma import Retrieval, retrieve
 from cgi_wave.fringes.psi import Psi, synthesise
 from cgi_wave.optics.system import Instrument, OpticalSystem, from_document
-from cgi_wave.rays.beams import disc, nominal_direction, rays_to_point
+from cgi_wave.rays.beams import nominal_direction, rays_to_point
+from cgi_wave.rays.disc import disc
 from cgi_wave.rays.paths import Path
 from cgi_wave.rays.trace import aim, compile_sequence, jacobian, trace
 from cgi_wave.wave.field import PupilField, fit_field

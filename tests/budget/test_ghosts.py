@@ -8,7 +8,8 @@ from cgi_wave.budget.fieldpoint import families, stationary_phase
 from cgi_wave.budget.ghosts import ghost_rows
 from cgi_wave.budget.pointsource import point_source
 from cgi_wave.errors import CgiWaveError
-from cgi_wave.rays.beams import disc, nominal_direction, rays_to_point
+from cgi_wave.rays.beams import nominal_direction, rays_to_point
+from cgi_wave.rays.disc import disc
 from cgi_wave.rays.paths import parse_path
 from cgi_wave.rays.trace import compile_sequence, trace
 from cgi_wave.wave.overlap import overlap

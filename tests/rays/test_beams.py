@@ -7,7 +7,8 @@ import pytest
 from small_instruments import build, detector, frame, michelson, published, singlet, surface
 
 from cgi_wave.errors import EmptyBeamError
-from cgi_wave.rays.beams import disc, monomials, nominal_direction, rays_from_direction, rays_to_point, spot
+from cgi_wave.rays.beams import nominal_direction, rays_from_direction, rays_to_point, spot
+from cgi_wave.rays.disc import disc, monomials
 from cgi_wave.rays.paths import find_paths, parse_path
 from cgi_wave.rays.trace import aim, caustics, compile_sequence, trace
 
