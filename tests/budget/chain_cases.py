@@ -233,19 +233,26 @@ def fresnel(angle):
 # ------------------------------------------------------------------------------------------------ brute force
 
 
-def landing_power(system: OpticalSystem, path: Path, x0, half: float, count: int, seed=1) -> tuple[float, float]:
+def landing_power(system: OpticalSystem, path: Path, x0, half: float, count: int) -> tuple[float, float]:
     """Light of a uniform scene (radiance 1) per area of a square ±half (m) about x0, by random rays; relative error.
 
     Random pupil points and directions, counted where they land: no aiming, no Jacobian, no fit. Unit as ∫A² d²p.
     """
-    rng = np.random.default_rng(seed)
     sequence = compile_sequence(system, path, system.sigma0)
     theta, ok = aim(sequence, even_pupil(system, 300), x0, np.zeros(2))
     # A virtual ray brings no light: where it would have to start need not be covered.
     ok[ok] = trace(sequence, even_pupil(system, 300)[ok], theta[ok]).status == 0
     some = even_pupil(system, 300)[ok]
     move = np.abs(np.linalg.inv(jacobian(sequence, some, theta[ok])[0])).sum(axis=2).max(axis=0) * half
-    low, high = theta[ok].min(axis=0) - 1.5 * move, theta[ok].max(axis=0) + 1.5 * move
+    return landed_from(
+        system, path, x0, half, count, (theta[ok].min(axis=0) - 1.5 * move, theta[ok].max(axis=0) + 1.5 * move)
+    )
+
+
+def landed_from(system: OpticalSystem, path: Path, x0, half: float, count: int, box, seed=1) -> tuple[float, float]:
+    """``landing_power`` from directions between the two corners of ``box``."""
+    rng, (low, high) = np.random.default_rng(seed), box
+    sequence = compile_sequence(system, path, system.sigma0)
     radius, angle = system.pupil_radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
     p = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
     ray = trace(sequence, p, low + (high - low) * rng.random((count, 2)))
