@@ -90,6 +90,11 @@ class Sheet:
         inside: NDArray[np.bool_] = ((points - middle) ** 2).sum(axis=1) <= reach**2
         return inside
 
+    def at(self, points: Array) -> Array:
+        """Path length, group path length, m, and direction cosine along y, (N, 3), at pupil points (N, 2)."""
+        values: Array = monomials((points - self.centre) / self.half, self.degree) @ self.coefficient
+        return values
+
     def opl_at(self, points: Array) -> Array:
         """Path length, m, of the rays through pupil points (N, 2)."""
         return self._at(points, 0)
