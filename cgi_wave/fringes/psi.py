@@ -188,10 +188,10 @@ def _standard_error(coherency: Coherency, out: LeftOutPairs, frequency: float) -
 
     A pair counts in full within NEAR of ``frequency`` (in nominal fringe frequencies) or if its own is not known.
     """
-    families = np.sort(np.stack([coherency.family[out.m], coherency.family[out.l]]), axis=0)
+    one, other = coherency.family[out.m], coherency.family[out.l]
     far = np.abs(np.abs(out.frequency) - frequency) > NEAR  # False for NaN
-    _, number = np.unique(families, axis=1, return_inverse=True)
-    sums = np.bincount(number.ravel(), out.bound * np.where(far, LEAKAGE, 1.0))
+    both = np.minimum(one, other) * (int(coherency.family.max()) + 1) + np.maximum(one, other)
+    sums = np.bincount(both, out.bound * np.where(far, LEAKAGE, 1.0))
     return float(np.sqrt((sums**2).sum()))
 
 
@@ -322,10 +322,11 @@ def _check(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_he
         refuse("row_height_m", row_height_m, "must be zero or positive", "give the pixel pitch, or 0 for points")
     own = np.array([(pair.m, pair.l) for pair in coherency.pairs], dtype=np.int64).reshape(-1, 2)
     ends = np.sort(np.concatenate([own, np.stack([coherency.left_out.m, coherency.left_out.l], axis=1)]), axis=1)
-    keys, times = np.unique(ends, axis=0, return_counts=True)
-    doubled = keys[(times > 1) | (keys[:, 0] == keys[:, 1])]
+    beams = len(coherency.labels)
+    keys, times = np.unique(ends[:, 0] * beams + ends[:, 1], return_counts=True)
+    doubled = keys[(times > 1) | (keys // beams == keys % beams)]
     if len(doubled):
-        pair_twice = tuple(doubled[0].tolist())
+        pair_twice = divmod(int(doubled[0]), beams)
         refuse("coherency.pairs", pair_twice, "pair of a beam with itself, or given twice", "give every pair once")
     if not (ends[: len(own)] == (0, 1)).all(axis=1).any():
         refuse("coherency.pairs", len(coherency.pairs), "the nominal pair (0, 1) is missing", "compute it")
