@@ -69,10 +69,12 @@ def plot_irradiance(spot: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     spot : ``label``, ``x_m`` (Nx + 1,) and ``y_m`` (Ny + 1,) bin edges in m, ``irradiance`` (Ny, Nx) ≥ 0 in 1/m²,
     ``power`` (its integral) and ``rms_x_m``, ``rms_y_m``.
     """
+    from matplotlib.ticker import MaxNLocator
+
     ax = _axes(ax, (3.4, 3.0))
     x, y = np.asarray(spot["x_m"]) * 1e3, np.asarray(spot["y_m"]) * 1e3
     mesh = ax.pcolormesh(x, y, np.asarray(spot["irradiance"]) * 1e-6, cmap="magma", vmin=0.0, rasterized=True)
-    ax.figure.colorbar(mesh, ax=ax, label="power / nominal, per mm²").locator_params(nbins=4)
+    ax.figure.colorbar(mesh, ax=ax, label="power / nominal, per mm²", ticks=MaxNLocator(4))
     rms = " × ".join(f"{spot[key] * 1e6:.3g}" for key in ("rms_x_m", "rms_y_m"))
     _square(ax, f"{_wrap(spot['label'])}\npower {spot['power']:.3g}, RMS {rms} µm", "mm")
     return ax
