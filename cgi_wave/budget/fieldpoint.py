@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cgi_wave.budget.plan import PairPlan, plan_pairs
 from cgi_wave.budget.ranges import pair_ranges
+from cgi_wave.budget.setting import Setting
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
 from cgi_wave.optics.system import OpticalSystem
@@ -93,18 +94,12 @@ class Beams:
 
 
 def trace_beams(
-    system: OpticalSystem,
-    paths: Sequence[Path],
-    x0: Array,
-    sigma_range: tuple[float, float],
-    envelope: Callable[[Array, Array], Array],
-    nma: float,
-    tolerance: float,
-    cross_family: bool = False,
+    setting: Setting, paths: Sequence[Path], x0: Array, tolerance: float, cross_family: bool = False
 ) -> Beams:
     """Trace every path to ``x0`` and plan which pairs of beams are worth computing; arguments as in ``field_point``."""
+    system, envelope, nma = setting.system, setting.envelope, setting.nma
     # One wavenumber is enough to plan with; beams that get a pupil field are traced again at all of them.
-    sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)[[TRACED_WAVENUMBERS // 2]]
+    sigma = chebyshev_wavenumbers(*setting.support, TRACED_WAVENUMBERS)[[TRACED_WAVENUMBERS // 2]]
     theta = nominal_direction(system, paths[0], x0)
     traced: list[Rays] = []
     kept: list[Path] = []
@@ -131,30 +126,23 @@ def trace_beams(
 
 
 def field_point(
-    system: OpticalSystem,
-    paths: Sequence[Path],
-    x0: Array,
-    sigma_range: tuple[float, float],
-    envelope: Callable[[Array, Array], Array],
-    nma: float,
-    tolerance: float,
-    cross_family: bool = False,
+    setting: Setting, paths: Sequence[Path], x0: Array, tolerance: float, cross_family: bool = False
 ) -> FieldPoint:
     """Trace every path to ``x0``, fit its pupil field, and compute the mutual coherence of the pairs that matter.
 
-    paths: nominal arm 1, nominal arm 2, then ghosts. sigma_range (1/m): the filter's support. envelope(opd_lo, opd_hi):
-    largest coherence of the filtered spectrum over a range of OPDs (m). nma: the nominal one, for the bounds.
-    tolerance: largest part of the nominal modulation that one pair may add and be left out. cross_family: compute pairs
-    of ghosts off different surfaces too. Their phase hangs on distances that no drawing gives to a fraction of a
-    wavelength, so that a number for them is one of many; by default they are left out with their bounds.
+    paths: nominal arm 1, nominal arm 2, then ghosts. tolerance: largest part of the nominal modulation that one pair
+    may add and be left out. cross_family: compute pairs of ghosts off different surfaces too. Their phase hangs on
+    distances that no drawing gives to a fraction of a wavelength, so that a number for them is one of many; by default
+    they are left out with their bounds.
 
     A beam of which every pair stays below the tolerance adds its power only: that is summed over its rays, with the
     error of such a sum, and no field is fitted to it.
 
     Raises EmptyBeamError if a nominal beam does not arrive.
     """
-    beams = trace_beams(system, paths, x0, sigma_range, envelope, nma, tolerance, cross_family)
-    sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)
+    system = setting.system
+    beams = trace_beams(setting, paths, x0, tolerance, cross_family)
+    sigma = chebyshev_wavenumbers(*setting.support, TRACED_WAVENUMBERS)
     fields, unresolved = _fields(system, beams, sigma, x0)
     # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
     nominal = spot(system, beams.paths[0], beams.theta, system.sigma0).power
@@ -164,7 +152,7 @@ def field_point(
         value, relative = power(field)
         transmission[number] = value[TRACED_WAVENUMBERS // 2] * share
         error[number] = transmission[number] * relative
-    pairs, failed = _pairs(fields, transmission, beams.plan, sigma_range, nma, tolerance)
+    pairs, failed = _pairs(fields, transmission, beams.plan, setting, tolerance)
     orders = np.array([path.order for path in beams.paths], dtype=np.int64)
     coherency = Coherency(
         beams.plan.labels,
@@ -200,8 +188,7 @@ def _pairs(
     fields: Mapping[int, PupilField],
     transmission: Array,
     plan: PairPlan,
-    sigma_range: tuple[float, float],
-    nma: float,
+    setting: Setting,
     tolerance: float,
 ) -> tuple[list[Pair], list[LeftOut]]:
     """Contrasts of the kept pairs; a pair that no method resolves is left out with its bound, and says why."""
@@ -211,14 +198,16 @@ def _pairs(
         if item.m not in fields or item.l not in fields:
             failed.append(LeftOut(item.m, item.l, item.modulation, "not resolved: no pupil field"))
             continue
-        blur = 2.0 * np.pi * sigma_range[1] * (fields[item.m].opl_residual + fields[item.l].opl_residual)
+        blur = 2.0 * np.pi * setting.support[1] * (fields[item.m].opl_residual + fields[item.l].opl_residual)
         if blur > UNRESOLVED and item.l >= 2:
             failed.append(LeftOut(item.m, item.l, item.modulation, f"not resolved: phases misfit by {blur:.2g} rad"))
             continue
-        weight = np.sqrt(transmission[item.m] * transmission[item.l] / (transmission[0] * transmission[1])) / nma
+        weight = (
+            np.sqrt(transmission[item.m] * transmission[item.l] / (transmission[0] * transmission[1])) / setting.nma
+        )
         tol = float(np.clip(PAIR_SHARE * tolerance / weight, 1e-7, 1e-2))
         try:
-            nodes, found = overlap_spectrum(fields[item.m], fields[item.l], *sigma_range, tol)
+            nodes, found = overlap_spectrum(fields[item.m], fields[item.l], *setting.support, tol)
         except CgiWaveError as error:
             if item.l < 2:
                 raise

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cgi_wave.budget.setting import Setting
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import PROBES, Path, pupil_probes
 from cgi_wave.rays.trace import compile_sequence, trace
@@ -22,27 +23,21 @@ AMPLITUDE_FLOOR = 1e-4
 MARGIN = 2e-3
 
 
-def select_ghosts(
-    system: OpticalSystem,
-    paths: Sequence[Path],
-    envelope: Callable[[Array, Array], Array],
-    nma: float,
-    floor: float = AMPLITUDE_FLOOR,
-) -> tuple[Path, ...]:
+def select_ghosts(setting: Setting, paths: Sequence[Path], floor: float = AMPLITUDE_FLOOR) -> tuple[Path, ...]:
     """The nominal paths, the ghosts above POWER_FLOOR, and weaker ones that could matter against a nominal beam.
 
     A weak ghost of power t (from the path search, relative to t1 + t2) adds at most √(t/t1)·|G|/NMA to the modulation,
     with the largest coherence |G| over its path difference; it is kept if that exceeds ``floor`` for |γ| = 1.
     """
-    t1 = paths[0].estimate
+    t1, nma = paths[0].estimate, setting.nma
     strong = [path for path in paths if path.order == 0 or path.estimate > POWER_FLOOR]
     weak = [
         path
         for path in paths
         if path.order > 0 and path.estimate <= POWER_FLOOR and np.sqrt(path.estimate / t1) / nma > floor
     ]
-    low, high = opd_ranges(system, weak, paths[:2])
-    bound = np.sqrt(np.array([path.estimate for path in weak]) / t1) * envelope(low, high) / nma
+    low, high = opd_ranges(setting.system, weak, paths[:2])
+    bound = np.sqrt(np.array([path.estimate for path in weak]) / t1) * setting.envelope(low, high) / nma
     return (*strong, *(path for path, b in zip(weak, bound, strict=True) if b > floor))
 
 

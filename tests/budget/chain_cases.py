@@ -5,7 +5,7 @@ wave part goes into them.
 """
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import quad
@@ -62,7 +62,7 @@ class Account:
 def account(system: OpticalSystem, setting: Setting, paths, x0=None, real_light=False) -> Account:
     """Run the chain for some paths; in monochromatic light of σ0 (every closed form's), or the band's own."""
     x0 = system.field_points()[0] if x0 is None else x0
-    point = field_point(system, paths, x0, setting.support, setting.envelope, setting.nma, TOLERANCE)
+    point = field_point(replace(setting, system=system), paths, x0, TOLERANCE)
     light = (setting.spectrum.sigma, setting.weight) if real_light else (np.array([system.sigma0]), np.ones(1))
     psi = synthesise(point.coherency, *light, zone_rows(system, x0), system.pixel)
     return Account(point, psi, retrieve(psi))
