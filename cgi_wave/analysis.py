@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
-from cgi_wave.budget.ghosts import ghost_rows
+from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
@@ -30,6 +30,9 @@ from cgi_wave.rays.paths import Path, find_paths
 Progress = Callable[[str], None]
 
 PROCESSES = 2
+#: Field points at which a point source's contrasts are computed; range(5) is all of them. They change little over the
+#: zone, whose centre stands for it; each point more costs as much as all the rest of it.
+CONTRAST_FIELDS = (0,)
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,7 @@ def analyse_bands(
                 pairs = len(fields[-1].coherency.pairs)
                 progress(f"{name}: field point {len(fields)} of {len(futures)}: {pairs} pairs of beams")
             rows = ghost_rows(systems[name], [(field.point, field.source) for field in fields])
-            column = table1(name, [field.retrieval for field in fields])
+            column = table1(name, [field.retrieval for field in fields], families=families(rows))
             results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60))
     return results
 
@@ -219,8 +222,8 @@ def analyse_field(task: Task, index: int) -> FieldResult:
     # A BLAS that starts threads of its own for 300 × 150 matrices only waits for them.
     with threadpool_limits(1):
         point = field_point(here, task.paths, x0, task.tolerance, task.cross_family)
-        # Contrasts change little over the zone and cost a third of the time: its centre stands for it.
-        source = point_source(system, task.paths, point.theta, x0, orders=2 if index == 0 else 0)
+        orders = 2 if index in CONTRAST_FIELDS else 0
+        source = point_source(system, task.paths, point.theta, x0, orders)
         psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, zone_rows(system, x0), system.pixel)
         pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
     return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)
