@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cgi_wave.errors import EmptyBeamError
 from cgi_wave.kernels.trace import clearance_rows
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.disc import EVEN, NODES, disc, fitted, monomials, rim
+from cgi_wave.rays.disc import EVEN, NODES, disc, fitted, monomials, on_disc, rim
 from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc, rays_over_feed
 from cgi_wave.rays.paths import Path
 from cgi_wave.rays.trace import aim, aim_and_trace, caustics, compile_sequence, trace, trace_with_derivatives, trouble
@@ -63,13 +63,13 @@ class Rays:
         """
         middle = len(sigma) // 2
         p = self.pupil[middle]
-        centre, half = p.mean(axis=0), float(np.sqrt(((p - p.mean(axis=0)) ** 2).sum(axis=1)).max())
+        x, centre, half = on_disc(p)
         product = self.opl * sigma[:, None]
         group = (product[-1] - product[0]) / (sigma[-1] - sigma[0]) if len(sigma) > 1 else self.opl[0]
         values = np.column_stack([self.opl[middle], group, self.direction[middle, :, 1]])
         degree = 8 if len(p) >= 90 else 4
         lit = (self.clearance[:, middle] > 0).all(axis=0)
-        return Sheet(p[lit], centre, half, degree, fitted((p - centre) / half, values, degree))
+        return Sheet(p[lit], centre, half, degree, fitted(x, values, degree))
 
 
 @dataclass(frozen=True)

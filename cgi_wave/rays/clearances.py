@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.rays.disc import disc, fitted, monomials
+from cgi_wave.rays.disc import disc, fitted, monomials, on_disc
 
 Array = NDArray[np.float64]
 
@@ -27,8 +27,7 @@ def limiting(clearance: Array, p: Array) -> Array:
     Most apertures on a long path are passed with room to spare, or lie in the shadow of another (a mirror next to an
     image of the stop). Polynomials through the samples say which, on points much denser than the rays.
     """
-    centre = 0.5 * (p.min(axis=0) + p.max(axis=0))
-    x = (p - centre) / np.sqrt(((p - centre) ** 2).sum(axis=1)).max()
+    x, _, _ = on_disc(p)
     degree = DEGREE if len(x) >= FULL else LOW_DEGREE
     dense = (_compared(degree) @ fitted(x, clearance[:, clearance.shape[1] // 2].T, degree)).T
     order = np.argsort(dense.min(axis=1))

@@ -49,8 +49,15 @@ def monomials(x: Array, degree: int = 8) -> Array:
     return values
 
 
+def on_disc(p: Array) -> tuple[Array, Array, float]:
+    """Points (N, 2) moved onto the unit disc, and the centre and radius there were. All points of a disc become it."""
+    centre = 0.5 * (p.min(axis=0) + p.max(axis=0))
+    half = float(np.sqrt(((p - centre) ** 2).sum(axis=1)).max())
+    return (p - centre) / half, centre, half
+
+
 def fitted(x: Array, values: Array, degree: int) -> Array:
-    """Least squares on points (N, 2) of the unit disc: coefficients (T, Q) of ``monomials`` for values (N, Q)."""
+    """Least squares on points ``on_disc`` (N, 2): coefficients (T, Q) of ``monomials`` for values (N, Q)."""
     if len(x) == NODES:  # nearly every beam: all rays of the disc, whose factors are kept
         return _projector(degree) @ values
     q, r = np.linalg.qr(monomials(x, degree))
