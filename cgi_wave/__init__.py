@@ -40,6 +40,7 @@ _HOME = {
     "synthesise": "fringes.psi",
     # one field point, one band
     "field_point": "budget.fieldpoint",
+    "band_setting": "budget.setting",
     "ghost_rows": "budget.ghosts",
     "point_source": "budget.pointsource",
     "select_ghosts": "budget.select",
@@ -47,7 +48,6 @@ _HOME = {
     # the main job
     "analyse": "analysis",
     "analyse_band": "analysis",
-    "band_setting": "analysis",
     "list_bands": "analysis",
     "zone_rows": "analysis",
     # pictures

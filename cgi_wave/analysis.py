@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -15,31 +14,25 @@ from threadpoolctl import threadpool_limits
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
-from cgi_wave.budget.ghosts import ghost_rows
+from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
 from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, select_ghosts
+from cgi_wave.budget.setting import Setting, band_setting
 from cgi_wave.budget.table1 import table1
-from cgi_wave.errors import InputError
 from cgi_wave.fringes.coherency import Coherency
 from cgi_wave.fringes.nma import Retrieval, retrieve
 from cgi_wave.fringes.psi import Psi, synthesise
-from cgi_wave.optics.system import NM, Instrument, OpticalSystem, from_document, load_instrument
+from cgi_wave.optics.system import Instrument, OpticalSystem, from_document, load_instrument
 from cgi_wave.rays.paths import Path, find_paths
-from cgi_wave.scene.coherence import coherence, coherence_envelope
-from cgi_wave.scene.filters import Filter
-from cgi_wave.scene.radiance import toa_radiance
-from cgi_wave.scene.spectrum import Spectrum
-from cgi_wave.scene.spectrum_file import load_spectrum
 
 Progress = Callable[[str], None]
 
-#: OPD up to which spectra are sampled and pairs computed, m. Beyond, the envelope is bounded instead.
-MAX_OPD = 0.1
-#: A spectrum from a file has to resolve this many times the OPD that the band is made for.
-FILE_OPD = 3.0
 PROCESSES = 2
+#: Field points at which a point source's contrasts are computed; range(5) is all of them. They change little over the
+#: zone, whose centre stands for it; each point more costs as much as all the rest of it.
+CONTRAST_FIELDS = (0,)
 
 
 @dataclass(frozen=True)
@@ -92,33 +85,6 @@ class Analysis:
 def list_bands(instrument: str | None = None) -> tuple[str, ...]:
     """Names of the bands of an instrument file (the reference instrument if None). Raises InputError."""
     return load_instrument(instrument).bands
-
-
-def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spectrum, Filter]:
-    """Radiance and filter of a band as its instrument file declares them.
-
-    A spectrum file is sought beside the instrument file. It has to carry FILE_OPD times the band's own OPD; beyond, it
-    is taken as drawn straight between its samples. Raises InputError.
-    """
-    spec = system.spec
-    band_filter = Filter(spec.filter.centre_nm * NM, spec.filter.fwhm_nm * NM, spec.filter.shape)
-    if spec.spectrum.kind == "file":
-        if spec.spectrum.file is None:
-            field = f"band.{system.band}.spectrum.file"
-            raise InputError(system.file, field, None, "is missing for kind = 'file'", "name a CSV or NetCDF file")
-        file = FilePath(system.file).parent / spec.spectrum.file
-        read = load_spectrum(file, band_filter, FILE_OPD * spec.target_opd_mm * 1e-3)
-        count = 1 + int(np.ceil(4.0 * max_opd * (read.sigma[-1] - read.sigma[0])))
-        if count <= len(read.sigma):
-            return read, band_filter
-        fine = np.linspace(read.sigma[0], read.sigma[-1], count)
-        return Spectrum(
-            fine, np.interp(fine, read.sigma, read.radiance), f"{read.source}; straight between"
-        ), band_filter
-    radiance = toa_radiance(
-        spec.spectrum.kind, band_filter, max_opd, albedo=spec.spectrum.albedo, air_mass=spec.spectrum.air_mass
-    )
-    return radiance, band_filter
 
 
 def analyse(
@@ -178,7 +144,7 @@ def analyse_bands(
                 pairs = len(fields[-1].coherency.pairs)
                 progress(f"{name}: field point {len(fields)} of {len(futures)}: {pairs} pairs of beams")
             rows = ghost_rows(systems[name], [(field.point, field.source) for field in fields])
-            column = table1(name, [field.retrieval for field in fields])
+            column = table1(name, [field.retrieval for field in fields], families=families(rows))
             results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60))
     return results
 
@@ -188,7 +154,7 @@ def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cr
     system = from_document(raw, file).band(name)
     found = find_paths(system)
     here = band_setting(system)
-    paths = select_ghosts(system, found, here.envelope, here.nma)
+    paths = select_ghosts(here, found)
     return Task(raw, file, name, paths, tolerance, cross_family), len(found)
 
 
@@ -206,15 +172,14 @@ def plan_band(
     here = band_setting(system)
     progress(f"{band}: searching ghost paths")
     found = find_paths(system)
-    paths = select_ghosts(system, found, here.envelope, here.nma)
+    paths = select_ghosts(here, found)
     x0 = system.field_points()[0]
-    arguments = (x0, here.support, here.envelope, here.nma, tolerance, cross_family)
     progress(f"{band}: tracing {len(paths) - 2} of {len(found) - 2} ghost paths to the zone's centre")
     with threadpool_limits(1):
-        beams = trace_beams(system, paths, *arguments)
-        field_point(system, paths[:2], *arguments)
+        beams = trace_beams(here, paths, x0, tolerance, cross_family)
+        field_point(here, paths[:2], x0, tolerance, cross_family)
         started = time.perf_counter()
-        field_point(system, paths[:2], *arguments)
+        field_point(here, paths[:2], x0, tolerance, cross_family)
         price = time.perf_counter() - started
     fitted = len({number for pair in beams.plan.kept for number in (pair.m, pair.l)})
     seconds = price * (fitted + len(beams.plan.kept)) / 3.0
@@ -241,28 +206,6 @@ class Task:
     cross_family: bool
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What all field points of one band share."""
-
-    system: OpticalSystem
-    spectrum: Spectrum
-    weight: NDArray[np.float64]
-    support: tuple[float, float]
-    envelope: Callable[..., NDArray[np.float64]]
-    nma: float
-
-
-def band_setting(system: OpticalSystem) -> Setting:
-    """Spectrum, filter and coherence of a band. Raises InputError."""
-    spectrum, band_filter = band_spectrum(system)
-    target = np.array([system.spec.target_opd_mm * 1e-3])
-    return Setting(
-        system, spectrum, spectrum.radiance * band_filter.transmission(spectrum.sigma), band_filter.support(),
-        coherence_envelope(spectrum, band_filter), float(abs(coherence(spectrum, band_filter, target)[0])),
-    )  # fmt: skip
-
-
 _settings: dict[str, Setting] = {}
 
 
@@ -278,11 +221,9 @@ def analyse_field(task: Task, index: int) -> FieldResult:
     x0 = system.field_points()[index]
     # A BLAS that starts threads of its own for 300 × 150 matrices only waits for them.
     with threadpool_limits(1):
-        point = field_point(
-            system, task.paths, x0, here.support, here.envelope, here.nma, task.tolerance, task.cross_family
-        )
-        # Contrasts change little over the zone and cost a third of the time: its centre stands for it.
-        source = point_source(system, task.paths, point.theta, x0, orders=2 if index == 0 else 0)
+        point = field_point(here, task.paths, x0, task.tolerance, task.cross_family)
+        orders = 2 if index in CONTRAST_FIELDS else 0
+        source = point_source(system, task.paths, point.theta, x0, orders)
         psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, zone_rows(system, x0), system.pixel)
         pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
     return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)

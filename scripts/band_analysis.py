@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     paths = [path for path in cw.find_paths(system) if path.order == 0 or path.estimate > options.floor]
 
     # A uniform scene: powers and mutual coherence of all beams at this detector point.
-    point = cw.field_point(system, paths, x0, band.support, band.envelope, band.nma, options.tolerance)
+    point = cw.field_point(band, paths, x0, options.tolerance)
 
     # A point source: where the rays land, Eq. 4, and the overlap contrast with the nominal beam of arm 1.
     source = cw.point_source(system, paths, point.theta, x0)

@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from cgi_wave.analysis import band_setting, band_spectrum
+from cgi_wave.budget.setting import band_setting, band_spectrum
 from cgi_wave.errors import InputError
 from cgi_wave.optics.system import from_document, load_instrument
 

@@ -9,8 +9,9 @@ import argparse
 import json
 import time
 
-from cgi_wave.analysis import Task, analyse_field, band_setting
+from cgi_wave.analysis import Task, analyse_field
 from cgi_wave.budget.select import select_ghosts
+from cgi_wave.budget.setting import band_setting
 from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.paths import find_paths
 
@@ -22,7 +23,7 @@ def study(band: str = "NIR", field: int = 1) -> list[dict[str, float]]:
     instrument = load_instrument()
     system = instrument.band(band)
     here = band_setting(system)
-    paths = select_ghosts(system, find_paths(system), here.envelope, here.nma)
+    paths = select_ghosts(here, find_paths(system))
     rows = []
     for tolerance in (TOLERANCES[0], *TOLERANCES):  # the first pass compiles and is dropped
         started = time.process_time()

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.budget.plan import PairPlan, plan_pairs
+from cgi_wave.budget.ranges import pair_ranges
+from cgi_wave.budget.setting import Setting
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.beams import (
-    Rays,
-    Sheet,
-    disc,
-    limiting,
-    monomial_powers,
-    monomials,
-    nominal_direction,
-    rays_to_point,
-    spot,
-)
+from cgi_wave.rays.beams import Rays, Sheet, nominal_direction, rays_to_point, spot
+from cgi_wave.rays.clearances import limiting
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.basis import chebyshev_wavenumbers
 from cgi_wave.wave.field import PupilField, fit_field, power
@@ -39,17 +32,8 @@ NOMINAL_SHARE = 0.1
 PAIR_SHARE = 0.1
 #: Misfit of pupil fields (rad of phase, amplitude and clearance together) at which a degree is enough.
 FIT_TARGET = 1e-5
-#: Pupil points at which path differences are compared.
-COMMON_POINTS = 300
-#: Pairs whose bound is below this share of the tolerance need no estimate of γ.
-FAR_BELOW = 0.03
-#: Safety of the stationary-phase estimate, per principal direction.
-SAFE = 2.5
 #: Misfit of two pupil fields' phases, rad, beyond which their overlap would carry an error bound as large as itself.
 UNRESOLVED = 0.5
-#: Room when the OPD range of a pair is bounded from its phase OPDs: for the zone's own fringes, m, and for group OPDs,
-#: which differ by dispersion (2 to 4 % of a path in silica or flint, less where air takes part).
-OPD_MARGIN, DISPERSION = 2e-5, 0.05
 
 
 @dataclass(frozen=True)
@@ -110,18 +94,12 @@ class Beams:
 
 
 def trace_beams(
-    system: OpticalSystem,
-    paths: Sequence[Path],
-    x0: Array,
-    sigma_range: tuple[float, float],
-    envelope: Callable[[Array, Array], Array],
-    nma: float,
-    tolerance: float,
-    cross_family: bool = False,
+    setting: Setting, paths: Sequence[Path], x0: Array, tolerance: float, cross_family: bool = False
 ) -> Beams:
     """Trace every path to ``x0`` and plan which pairs of beams are worth computing; arguments as in ``field_point``."""
+    system, envelope, nma = setting.system, setting.envelope, setting.nma
     # One wavenumber is enough to plan with; beams that get a pupil field are traced again at all of them.
-    sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)[[TRACED_WAVENUMBERS // 2]]
+    sigma = chebyshev_wavenumbers(*setting.support, TRACED_WAVENUMBERS)[[TRACED_WAVENUMBERS // 2]]
     theta = nominal_direction(system, paths[0], x0)
     traced: list[Rays] = []
     kept: list[Path] = []
@@ -148,30 +126,23 @@ def trace_beams(
 
 
 def field_point(
-    system: OpticalSystem,
-    paths: Sequence[Path],
-    x0: Array,
-    sigma_range: tuple[float, float],
-    envelope: Callable[[Array, Array], Array],
-    nma: float,
-    tolerance: float,
-    cross_family: bool = False,
+    setting: Setting, paths: Sequence[Path], x0: Array, tolerance: float, cross_family: bool = False
 ) -> FieldPoint:
     """Trace every path to ``x0``, fit its pupil field, and compute the mutual coherence of the pairs that matter.
 
-    paths: nominal arm 1, nominal arm 2, then ghosts. sigma_range (1/m): the filter's support. envelope(opd_lo, opd_hi):
-    largest coherence of the filtered spectrum over a range of OPDs (m). nma: the nominal one, for the bounds.
-    tolerance: largest part of the nominal modulation that one pair may add and be left out. cross_family: compute pairs
-    of ghosts off different surfaces too. Their phase hangs on distances that no drawing gives to a fraction of a
-    wavelength, so that a number for them is one of many; by default they are left out with their bounds.
+    paths: nominal arm 1, nominal arm 2, then ghosts. tolerance: largest part of the nominal modulation that one pair
+    may add and be left out. cross_family: compute pairs of ghosts off different surfaces too. Their phase hangs on
+    distances that no drawing gives to a fraction of a wavelength, so that a number for them is one of many; by default
+    they are left out with their bounds.
 
     A beam of which every pair stays below the tolerance adds its power only: that is summed over its rays, with the
     error of such a sum, and no field is fitted to it.
 
     Raises EmptyBeamError if a nominal beam does not arrive.
     """
-    beams = trace_beams(system, paths, x0, sigma_range, envelope, nma, tolerance, cross_family)
-    sigma = chebyshev_wavenumbers(*sigma_range, TRACED_WAVENUMBERS)
+    system = setting.system
+    beams = trace_beams(setting, paths, x0, tolerance, cross_family)
+    sigma = chebyshev_wavenumbers(*setting.support, TRACED_WAVENUMBERS)
     fields, unresolved = _fields(system, beams, sigma, x0)
     # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
     nominal = spot(system, beams.paths[0], beams.theta, system.sigma0).power
@@ -181,7 +152,7 @@ def field_point(
         value, relative = power(field)
         transmission[number] = value[TRACED_WAVENUMBERS // 2] * share
         error[number] = transmission[number] * relative
-    pairs, failed = _pairs(fields, transmission, beams.plan, sigma_range, nma, tolerance)
+    pairs, failed = _pairs(fields, transmission, beams.plan, setting, tolerance)
     orders = np.array([path.order for path in beams.paths], dtype=np.int64)
     coherency = Coherency(
         beams.plan.labels,
@@ -189,7 +160,7 @@ def field_point(
         orders,
         transmission,
         tuple(pairs),
-        (*beams.plan.left_out, *failed),
+        beams.plan.left_out.extended(failed),
         error,
     )
     return FieldPoint(x0, beams.theta, beams.paths, beams.sheets, coherency, beams.plan, beams.empty, unresolved)
@@ -217,8 +188,7 @@ def _pairs(
     fields: Mapping[int, PupilField],
     transmission: Array,
     plan: PairPlan,
-    sigma_range: tuple[float, float],
-    nma: float,
+    setting: Setting,
     tolerance: float,
 ) -> tuple[list[Pair], list[LeftOut]]:
     """Contrasts of the kept pairs; a pair that no method resolves is left out with its bound, and says why."""
@@ -228,14 +198,16 @@ def _pairs(
         if item.m not in fields or item.l not in fields:
             failed.append(LeftOut(item.m, item.l, item.modulation, "not resolved: no pupil field"))
             continue
-        blur = 2.0 * np.pi * sigma_range[1] * (fields[item.m].opl_residual + fields[item.l].opl_residual)
+        blur = 2.0 * np.pi * setting.support[1] * (fields[item.m].opl_residual + fields[item.l].opl_residual)
         if blur > UNRESOLVED and item.l >= 2:
             failed.append(LeftOut(item.m, item.l, item.modulation, f"not resolved: phases misfit by {blur:.2g} rad"))
             continue
-        weight = np.sqrt(transmission[item.m] * transmission[item.l] / (transmission[0] * transmission[1])) / nma
+        weight = (
+            np.sqrt(transmission[item.m] * transmission[item.l] / (transmission[0] * transmission[1])) / setting.nma
+        )
         tol = float(np.clip(PAIR_SHARE * tolerance / weight, 1e-7, 1e-2))
         try:
-            nodes, found = overlap_spectrum(fields[item.m], fields[item.l], *sigma_range, tol)
+            nodes, found = overlap_spectrum(fields[item.m], fields[item.l], *setting.support, tol)
         except CgiWaveError as error:
             if item.l < 2:
                 raise
@@ -245,62 +217,3 @@ def _pairs(
             Pair(item.m, item.l, nodes, found.value, found.error_bound, found.opd_m, found.slope, found.method)
         )
     return pairs, failed
-
-
-def pair_ranges(
-    sheets: Sequence[Sheet], sigma0: float, weight: Array, envelope: Callable[[Array, Array], Array], tolerance: float
-) -> tuple[Array, Array, Array, Array]:
-    """Range of every pair's group OPD over the pupil points that both feed, its |γ|, its dOPD/dy; (B, B) each.
-
-    weight (B,): power over nominal power and NMA, so that √(weight_m weight_l)·|G| bounds what a pair adds to M. Pairs
-    for which that is far below the tolerance keep |γ| ≤ 1, for the others see ``stationary_phase``.
-    Pairs that share no point get the whole range of both, |γ| ≤ 1, and a slope of NaN.
-    """
-    lo = np.min([sheet.p.min(axis=0) for sheet in sheets], axis=0)
-    hi = np.max([sheet.p.max(axis=0) for sheet in sheets], axis=0)
-    points = 0.5 * (lo + hi) + 0.5 * (hi - lo) * disc(COMMON_POINTS)
-    group = np.full((len(sheets), len(points)), np.nan)
-    phase, tilt = np.full_like(group, np.nan), np.full_like(group, np.nan)
-    for b, sheet in enumerate(sheets):
-        near = sheet.covers(points)
-        group[b, near], phase[b, near] = sheet.group_at(points[near]), sheet.opl_at(points[near])
-        tilt[b, near] = sheet.y_at(points[near])
-    low, high = np.empty((len(sheets),) * 2), np.empty((len(sheets),) * 2)
-    slope = np.full_like(low, np.nan)
-    own = [sheet.group_at(sheet.p) for sheet in sheets]
-    least, most = np.array([values.min() for values in own]), np.array([values.max() for values in own])
-    for m in range(len(sheets)):
-        difference = group[m] - group
-        shared = np.isfinite(difference).any(axis=1)
-        filled = np.where(shared[:, None], difference, 0.0)
-        low[m] = np.where(shared, np.nanmin(filled, axis=1), least[m] - most)
-        high[m] = np.where(shared, np.nanmax(filled, axis=1), most[m] - least)
-        slope[m, shared] = np.nanmean((tilt[m] - tilt)[shared], axis=1)
-    margin = OPD_MARGIN + DISPERSION * np.maximum(np.abs(low), np.abs(high))
-    low, high = low - margin, high + margin
-    gamma = np.ones_like(low)
-    bound = np.sqrt(np.outer(weight, weight)) * envelope(low, high)
-    for m, l in zip(*np.nonzero(np.triu(bound > FAR_BELOW * tolerance, 1)), strict=True):  # noqa: E741
-        gamma[m, l] = stationary_phase(points, (phase[m] - phase[l]) * sigma0)
-    return low, high, gamma, slope
-
-
-def stationary_phase(points: Array, waves: Array) -> float:
-    """Estimate, on the safe side, of |γ| for a path difference ``waves`` (N,; NaN where not shared) at points (N, 2).
-
-    A quadratic fitted to the difference has principal values a and b, in waves at the rim of the shared points. Each
-    lowers |γ| like a Fresnel integral: by at most SAFE·0.354/√|a| (the whole stationary zone inside; a disc of pure
-    defocus W has 1/(πW), this gives 2.5/(πW)). An estimate, since it rests on the quadratic: what it leaves out of a
-    plan is reported as such.
-    """
-    shared = np.isfinite(waves)
-    if shared.sum() < 12 or np.ptp(waves[shared]) < 1.0:
-        return 1.0
-    p = points[shared]
-    half = 0.5 * float(np.ptp(p, axis=0).max())
-    x = (p - p.mean(axis=0)) / half
-    basis = monomials(x, 2)
-    c = dict(zip(monomial_powers(2), np.linalg.solve(basis.T @ basis, basis.T @ waves[shared]), strict=True))
-    a, b = np.linalg.eigvalsh(np.array([[c[2, 0], 0.5 * c[1, 1]], [0.5 * c[1, 1], c[0, 2]]]))
-    factors = [min(1.0, SAFE * 0.354 / np.sqrt(abs(v))) if abs(v) > 0 else 1.0 for v in (a, b)]
-    return float(factors[0] * factors[1])

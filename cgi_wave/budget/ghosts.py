@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,15 @@ def ghost_rows(system: OpticalSystem, fields: Sequence[tuple[FieldPoint, PointSo
     labels = [path for path in fields[0][1].ghosts]
     rows = [_row(system, number, ghost.path, fields) for number, ghost in enumerate(labels)]
     return sorted((row for row in rows if row["transmission"] > 0), key=lambda row: -row["transmission"])
+
+
+def families(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Power, relative to the nominal beams, of all ghosts of the table with the same parasitic history, by its name."""
+    power: dict[str, float] = {}
+    for row in rows:
+        name = row["label"].partition(" arms ")[0].partition(" #")[0]
+        power[name] = power.get(name, 0.0) + row["transmission"]
+    return power
 
 
 def _row(

@@ -12,14 +12,15 @@ range; where that is in doubt, give ``gamma_max`` = 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
-from cgi_wave.fringes.coherency import LeftOut
+from cgi_wave.fringes.coherency import LeftOutPairs
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,36 @@ class PlannedPair:
     opd_hi: float
 
 
+KINDS = ("nominal", "ghost-nominal", "one family", "cross-family")
+
+
+@dataclass(frozen=True)
+class PlannedPairs:
+    """Many ``PlannedPair``, by columns (P,): there are tens of thousands of them. kind: index into KINDS."""
+
+    m: NDArray[np.int64]
+    l: NDArray[np.int64]  # noqa: E741
+    kind: NDArray[np.int64]
+    modulation: Array
+    baseline: Array
+    gamma_max: Array
+    envelope: Array
+    opd_lo: Array
+    opd_hi: Array
+
+    def __len__(self) -> int:
+        return len(self.m)
+
+    def __iter__(self) -> Iterator[PlannedPair]:
+        columns = (getattr(self, column.name).tolist() for column in fields(self))
+        for m, l, kind, *bounds in zip(*columns, strict=True):  # noqa: E741
+            yield PlannedPair(m, l, KINDS[kind], *bounds)
+
+    def some(self, chosen: NDArray[Any]) -> PlannedPairs:
+        """The pairs of a mask (P,) or of numbers."""
+        return PlannedPairs(*(getattr(self, column.name)[chosen] for column in fields(self)))
+
+
 @dataclass(frozen=True)
 class PairPlan:
     """``kept`` pairs, largest bound first, and ``skipped`` ones; ``left_out`` goes into the Coherency payload.
@@ -54,8 +85,8 @@ class PairPlan:
     labels: tuple[str, ...]
     tolerance: float
     kept: tuple[PlannedPair, ...]
-    skipped: tuple[PlannedPair, ...]
-    left_out: tuple[LeftOut, ...]
+    skipped: PlannedPairs
+    left_out: LeftOutPairs
     left_out_modulation: float
     left_out_baseline: float
     largest_opd: float
@@ -75,22 +106,23 @@ class PairPlan:
             f"kept {len(self.kept)}, left out {len(self.skipped)} at tolerance {self.tolerance:g} per pair; "
             f"together at most {self.left_out_modulation:.2e} of M and {self.left_out_baseline:.2e} of B"
         )
-        for kind in sorted({pair.kind for pair in self.skipped}):
-            out = [pair for pair in self.skipped if pair.kind == kind]
-            lines.append(f"  {kind}: {len(out)} left out, at most {sum(pair.modulation for pair in out):.2e} of M")
+        for kind in sorted(KINDS):
+            out = self.skipped.some(self.skipped.kind == KINDS.index(kind))
+            if len(out):
+                lines.append(f"  {kind}: {len(out)} left out, at most {out.modulation.sum():.2e} of M")
         return "\n".join(lines)
 
 
 def modulation_bound(
-    t_m: float, t_l: float, gamma_max: float, envelope: float, t1: float, t2: float, nma: float
-) -> float:
+    t_m: Array, t_l: Array, gamma_max: Array, envelope: Array, t1: float, t2: float, nma: float
+) -> Array:
     """√(t_m t_l)·γ_max·envelope / (√(t1 t2)·NMA): what the pair can add to M, relative to M. Powers, not amplitudes."""
-    return float(np.sqrt(t_m * t_l) * gamma_max * envelope / (np.sqrt(t1 * t2) * nma))
+    return np.sqrt(t_m * t_l) * gamma_max * envelope / (np.sqrt(t1 * t2) * nma)
 
 
-def baseline_bound(t_m: float, t_l: float, gamma_max: float, envelope: float, t1: float, t2: float) -> float:
+def baseline_bound(t_m: Array, t_l: Array, gamma_max: Array, envelope: Array, t1: float, t2: float) -> Array:
     """2√(t_m t_l)·γ_max·envelope / (t1 + t2): what the pair adds to B at most (if without fringes), relative to B."""
-    return float(2.0 * np.sqrt(t_m * t_l) * gamma_max * envelope / (t1 + t2))
+    return 2.0 * np.sqrt(t_m * t_l) * gamma_max * envelope / (t1 + t2)
 
 
 def plan_pairs(
@@ -124,47 +156,36 @@ def plan_pairs(
     """
     _check(labels, transmission, family, opd_lo, opd_hi, gamma_max, nma, tolerance)
     t1, t2 = float(transmission[0]), float(transmission[1])
-    kept: list[PlannedPair] = []
-    skipped: list[PlannedPair] = []
-    left_out: list[LeftOut] = []
-    upper = np.triu_indices(len(labels), 1)
-    tops = envelope(opd_lo[upper], opd_hi[upper])
-    for m, l, top in zip(*map(np.ndarray.tolist, (*upper, tops)), strict=True):  # noqa: E741
-        kind = _kind(m, l, family)
-        args = (float(transmission[m]), float(transmission[l]), float(gamma_max[m, l]), top, t1, t2)
-        pair = PlannedPair(
-            m, l, kind, modulation_bound(*args, nma), baseline_bound(*args),
-            float(gamma_max[m, l]), top, float(opd_lo[m, l]), float(opd_hi[m, l]),
-        )  # fmt: skip
-        least = tolerance * (nominal_share if kind == "ghost-nominal" else 1.0)
-        if kind == "nominal" or (pair.modulation > least and (cross_family or kind != "cross-family")):
-            kept.append(pair)
-            continue
-        skipped.append(pair)
-        switched = "cross-family pairs switched off; " if pair.modulation > tolerance else ""
-        reason = f"{switched}bound {pair.modulation:.2e} of M, tolerance {tolerance:g}"
-        share = float("nan") if frequency is None else float(frequency[m, l])
-        left_out.append(LeftOut(m, l, pair.modulation, reason, share))
-    kept.sort(key=lambda pair: -pair.modulation)
-    skipped.sort(key=lambda pair: -pair.modulation)
+    m, l = np.triu_indices(len(labels), 1)  # noqa: E741
+    gamma, low, high = gamma_max[m, l], opd_lo[m, l], opd_hi[m, l]
+    top = envelope(low, high)
+    args = (transmission[m], transmission[l], gamma, top, t1, t2)
+    pairs = PlannedPairs(m, l, _kinds(m, l, family), modulation_bound(*args, nma), baseline_bound(*args), gamma, top,
+                         low, high)  # fmt: skip
+    nominal, ghost_nominal, crossing = (pairs.kind == KINDS.index(kind) for kind in (KINDS[0], KINDS[1], KINDS[3]))
+    above = pairs.modulation > np.where(ghost_nominal, nominal_share, 1.0) * tolerance
+    keep = nominal | (above & (cross_family | ~crossing))
+    switched_off = ~keep & (pairs.modulation > tolerance)
+    share = np.full(len(m), np.nan) if frequency is None else frequency[m, l]
+    reasons = (f"bound below the tolerance, {tolerance:g} of M", "cross-family pairs switched off")
+    left_out = LeftOutPairs(m, l, pairs.modulation, share, switched_off.astype(np.int64), reasons).some(~keep)
+    kept, skipped = (part.some(np.argsort(-part.modulation, kind="stable")) for part in map(pairs.some, (keep, ~keep)))
     return PairPlan(
         labels=labels,
         tolerance=tolerance,
         kept=tuple(kept),
-        skipped=tuple(skipped),
-        left_out=tuple(left_out),
-        left_out_modulation=sum(pair.modulation for pair in skipped),
-        left_out_baseline=sum(pair.baseline for pair in skipped),
-        largest_opd=max(max(abs(pair.opd_lo), abs(pair.opd_hi)) for pair in kept),
+        skipped=skipped,
+        left_out=left_out,
+        left_out_modulation=float(skipped.modulation.sum()),
+        left_out_baseline=float(skipped.baseline.sum()),
+        largest_opd=float(max(np.abs(kept.opd_lo).max(), np.abs(kept.opd_hi).max())),
     )
 
 
-def _kind(m: int, l: int, family: NDArray[np.int64]) -> str:  # noqa: E741
-    if l < 2:
-        return "nominal"
-    if m < 2:
-        return "ghost-nominal"
-    return "one family" if family[m] == family[l] else "cross-family"
+def _kinds(m: NDArray[np.int64], l: NDArray[np.int64], family: NDArray[np.int64]) -> NDArray[np.int64]:  # noqa: E741
+    """(P,) kinds of pairs m < l, as indices into KINDS."""
+    among_ghosts = np.where(family[m] == family[l], 2, 3)
+    return np.where(l < 2, 0, np.where(m < 2, 1, among_ghosts))
 
 
 def _check(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cgi_wave.budget.setting import Setting
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import PROBES, Path, pupil_probes
 from cgi_wave.rays.trace import compile_sequence, trace
@@ -22,33 +23,28 @@ AMPLITUDE_FLOOR = 1e-4
 MARGIN = 2e-3
 
 
-def select_ghosts(
-    system: OpticalSystem,
-    paths: Sequence[Path],
-    envelope: Callable[[Array, Array], Array],
-    nma: float,
-    floor: float = AMPLITUDE_FLOOR,
-) -> tuple[Path, ...]:
+def select_ghosts(setting: Setting, paths: Sequence[Path], floor: float = AMPLITUDE_FLOOR) -> tuple[Path, ...]:
     """The nominal paths, the ghosts above POWER_FLOOR, and weaker ones that could matter against a nominal beam.
 
     A weak ghost of power t (from the path search, relative to t1 + t2) adds at most √(t/t1)·|G|/NMA to the modulation,
     with the largest coherence |G| over its path difference; it is kept if that exceeds ``floor`` for |γ| = 1.
     """
-    t1 = paths[0].estimate
+    t1, nma = paths[0].estimate, setting.nma
     strong = [path for path in paths if path.order == 0 or path.estimate > POWER_FLOOR]
     weak = [
         path
         for path in paths
         if path.order > 0 and path.estimate <= POWER_FLOOR and np.sqrt(path.estimate / t1) / nma > floor
     ]
-    ranges = np.array([opd_range(system, path, paths[:2]) for path in weak]).reshape(-1, 2)
-    bound = np.sqrt(np.array([path.estimate for path in weak]) / t1) * envelope(ranges[:, 0], ranges[:, 1]) / nma
+    low, high = opd_ranges(setting.system, weak, paths[:2])
+    bound = np.sqrt(np.array([path.estimate for path in weak]) / t1) * setting.envelope(low, high) / nma
     return (*strong, *(path for path, b in zip(weak, bound, strict=True) if b > floor))
 
 
-def opd_range(system: OpticalSystem, path: Path, nominal: Sequence[Path]) -> tuple[float, float]:
-    """Range of a found ghost's OPD to both nominal beams, m: of the probe that found it, with MARGIN."""
-    p, theta = (values[[path.probe]] for values in pupil_probes(system, PROBES))
-    lengths = [trace(compile_sequence(system, each, system.sigma0), p, theta).opl[0] for each in (path, *nominal)]
-    differences = lengths[0] - np.array(lengths[1:])
-    return float(differences.min() - MARGIN), float(differences.max() + MARGIN)
+def opd_ranges(system: OpticalSystem, paths: Sequence[Path], nominal: Sequence[Path]) -> tuple[Array, Array]:
+    """Ranges of found ghosts' OPDs to both nominal beams, m: of the probes that found them, with MARGIN; (P,) each."""
+    p, theta = pupil_probes(system, PROBES)
+    straight = np.array([trace(compile_sequence(system, path, system.sigma0), p, theta).opl for path in nominal])
+    own = np.array([path.length for path in paths])
+    differences = own - straight[:, np.array([path.probe for path in paths], dtype=np.int64)]
+    return differences.min(axis=0) - MARGIN, differences.max(axis=0) + MARGIN

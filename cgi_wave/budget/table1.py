@@ -7,12 +7,13 @@ band) and ``paper`` (powers added without interference, ghost–nominal pairs on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from cgi_wave.budget.why import why_rows
 from cgi_wave.errors import InputError
 from cgi_wave.fringes.nma import Estimate, Parasitic, Retrieval
 
@@ -37,65 +38,38 @@ PRINTED: dict[str, Printed] = {
     "SWIR2": Printed((0.037, 0.002), (0.003, 0.006), 0.0324),
 }
 
-_OFFSET = (
-    "Ours is larger since every anti-reflection face of plates and cube inside an arm is met on the way to the mirror "
-    "and back and adds R/2 (0.25 %) each time, the detector ρτ²/2 and the filter's face R/2 (together above 4 % with "
-    "the paper's coatings), and lens faces the rest; added coherently instead of by power, the arm pairs of the "
-    "refocused detector ghost keep half of its mean, ρτ²/4."
-)
-_FACE = (
-    "Ours is negative since the filter face's ghosts, which share both arms, interfere with each other: M*/M = "
-    "−(R/2)(1 − J), ghost–ghost pairs that the paper drops as negligible; J falls with the face's distance from the "
-    "detector, which is {} mm in the reference instrument by its own focus and not public for the paper's{}."
-)
-_RATIO = (
-    "Ours follows from the two rows above by the exact ratio 1 − (1 + M*/M)/(1 + O/B), as the printed one does: a "
-    "larger baseline offset and a modulation that falls both add to it."
-)
-_STAND_IN = (
-    "; the paper states neither gas, filter nor path difference for VIS, so that a 450/5 nm filter at 20 µm stands in"
-)
 
-#: Why a reconstruction of the instrument need not land on the printed figures: one sentence for each of ROWS.
-WHY_ROWS: dict[str, dict[str, str]] = {
-    band: dict(zip(ROWS, (_OFFSET, _FACE.format(distance, note), _RATIO), strict=True))
-    for band, distance, note in (("VIS", "2.0", _STAND_IN), ("NIR", "3.4", ""))
-}
-#: The same, one text for a band; a caller may pass its own.
-WHY: dict[str, str] = {band: " ".join(rows.values()) for band, rows in WHY_ROWS.items()}
-
-
-def table1(band: str, fields: Sequence[Retrieval], why: str | None = None) -> dict[str, Any]:
+def table1(
+    band: str, fields: Sequence[Retrieval], why: str | None = None, families: Mapping[str, float] | None = None
+) -> dict[str, Any]:
     """The column of one band, ready for JSON.
 
     ``{row: {"mean", "spread", "error"}}`` for the three rows in the coherent book-keeping; ``"paper_bookkeeping"`` with
     the same three; ``"nma_error_linear"`` (Eq. 1) beside each; ``"nominal"`` M, B and NMA; ``"fields"``, ``"printed"``
-    (None for a band that the paper does not have), ``"why"`` and, by row, ``"why_rows"`` (None where the caller gave
-    its own text). ``error`` is the largest error bar of any field.
-    Sign of the NMA error: positive when the NMA falls.
+    (None for a band that the paper does not have); where it has one, ``"why_rows"``, by row a sentence on why the
+    figures differ, and ``"why"``, all of them, or the caller's own text in their place. ``error`` is the largest error
+    bar of any field. families: see ``budget.why``. Sign of the NMA error: positive when the NMA falls.
 
-    Raises InputError without a field, and for a printed band without a sentence on why the figures differ.
+    Raises InputError without a field.
     """
     if not fields:
         raise InputError("table1", f"bands.{band}", 0, "has no field point", "give the retrieval of at least one")
-    printed = PRINTED.get(band)
-    sentence = why if why is not None else WHY.get(band)
-    if printed is not None and sentence is None:
-        raise InputError(
-            "table1", f"bands.{band}.why", None, "is needed beside the printed figures", "say why ours differ"
-        )
-    coherent = _rows([field.coherent for field in fields])
+    coherent, paper = (_rows([getattr(field, book) for field in fields]) for book in ("coherent", "paper"))
+    printed = _printed(PRINTED[band]) if band in PRINTED else None
+    rows = None
+    if printed is not None and why is None:
+        rows = why_rows(band, _means(coherent), _means(paper), _means(printed), families)
     return {
         **coherent,
-        "paper_bookkeeping": _rows([field.paper for field in fields]),
+        "paper_bookkeeping": paper,
         "nominal": {
             name: _summary([getattr(field.nominal, name) for field in fields])
             for name in ("modulation", "baseline", "nma")
         },
         "fields": len(fields),
-        "printed": None if printed is None else _printed(printed),
-        "why": sentence,
-        "why_rows": WHY_ROWS.get(band) if why is None else None,
+        "printed": printed,
+        "why": " ".join(rows.values()) if rows is not None else why,
+        "why_rows": rows,
     }
 
 
@@ -125,6 +99,10 @@ def _cell(entry: dict[str, float] | None) -> str:
 
 def _rows(parts: Sequence[Parasitic]) -> dict[str, dict[str, float]]:
     return {name: _summary([getattr(part, name) for part in parts]) for name in (*ROWS, "nma_error_linear")}
+
+
+def _means(part: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
+    return {row: float(part[row]["mean"] or 0.0) for row in ROWS}
 
 
 def _summary(estimates: Sequence[Estimate]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -49,6 +50,55 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
+class LeftOutPairs:
+    """Many ``LeftOut``, by columns: there are tens of thousands of them.
+
+    m, l, bound, frequency : (L,) as in ``LeftOut``; why : (L,) index into ``reasons``
+    """
+
+    m: NDArray[np.int64]
+    l: NDArray[np.int64]  # noqa: E741
+    bound: NDArray[np.float64]
+    frequency: NDArray[np.float64]
+    why: NDArray[np.int64]
+    reasons: tuple[str, ...]
+
+    @staticmethod
+    def of(pairs: Iterable[LeftOut]) -> LeftOutPairs:
+        """Columns of single pairs."""
+        rows = list(pairs)
+        reasons = tuple(dict.fromkeys(row.reason for row in rows))
+        return LeftOutPairs(
+            np.array([row.m for row in rows], dtype=np.int64), np.array([row.l for row in rows], dtype=np.int64),
+            np.array([row.bound for row in rows], dtype=np.float64),
+            np.array([row.frequency for row in rows], dtype=np.float64),
+            np.array([reasons.index(row.reason) for row in rows], dtype=np.int64), reasons,
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.m)
+
+    def __iter__(self) -> Iterator[LeftOut]:
+        columns = (column.tolist() for column in (self.m, self.l, self.bound, self.why, self.frequency))
+        for m, l, bound, why, frequency in zip(*columns, strict=True):  # noqa: E741
+            yield LeftOut(m, l, bound, self.reasons[why], frequency)
+
+    def some(self, chosen: NDArray[np.bool_]) -> LeftOutPairs:
+        """The pairs of a mask (L,)."""
+        return LeftOutPairs(self.m[chosen], self.l[chosen], self.bound[chosen], self.frequency[chosen],
+                            self.why[chosen], self.reasons)  # fmt: skip
+
+    def extended(self, pairs: Iterable[LeftOut]) -> LeftOutPairs:
+        """With more pairs at the end."""
+        more = LeftOutPairs.of(pairs)
+        return LeftOutPairs(
+            np.concatenate([self.m, more.m]), np.concatenate([self.l, more.l]),
+            np.concatenate([self.bound, more.bound]), np.concatenate([self.frequency, more.frequency]),
+            np.concatenate([self.why, more.why + len(self.reasons)]), (*self.reasons, *more.reasons),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Coherency:
     """All beams of one field point: labels[0] and labels[1] are the nominal beams of arms 1 and 2.
 
@@ -64,5 +114,5 @@ class Coherency:
     order: NDArray[np.int64]
     transmission: NDArray[np.float64]
     pairs: tuple[Pair, ...]
-    left_out: tuple[LeftOut, ...] = field(default=())
+    left_out: LeftOutPairs = field(default_factory=lambda: LeftOutPairs.of(()))
     transmission_error: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))

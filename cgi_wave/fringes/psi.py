@@ -13,7 +13,6 @@ are those of the field point and are held along the zone. Three book-keepings co
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,7 +22,7 @@ from scipy.special import gammaln
 
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.fringes import chebyshev
-from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
+from cgi_wave.fringes.coherency import Coherency, LeftOutPairs, Pair
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -149,23 +148,25 @@ def synthesise(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, ro
     )  # fmt: skip
 
 
-def belongs(m: int, l: int, bookkeeping: Bookkeeping) -> bool:  # noqa: E741
-    """Whether the pair (m, l) is part of a book-keeping; beams 0 and 1 are the nominal ones."""
-    nominals = (m < 2) + (l < 2)
-    return bookkeeping == "coherent" or nominals == 2 or (bookkeeping == "paper" and nominals == 1)
+def belongs(m: NDArray[np.int64], l: NDArray[np.int64], bookkeeping: Bookkeeping) -> NDArray[np.bool_]:  # noqa: E741
+    """Which of the pairs (m, l), (P,) each, are part of a book-keeping; beams 0 and 1 are the nominal ones."""
+    nominals = np.add(np.less(m, 2), np.less(l, 2), dtype=np.int64)
+    mask: NDArray[np.bool_] = nominals >= {"coherent": 0, "paper": 1, "nominal": 2}[bookkeeping]
+    return mask
 
 
 def _interferogram(
     coherency: Coherency, bookkeeping: Bookkeeping, part: Array, bounds: dict[str, Array]
 ) -> Interferogram:
     beams = len(coherency.labels)
-    used = np.array([belongs(pair.m, pair.l, bookkeeping) for pair in coherency.pairs])
+    ends = np.array([(pair.m, pair.l) for pair in coherency.pairs])
+    used = belongs(ends[:, 0], ends[:, 1], bookkeeping)
     power = coherency.transmission[:2].sum() if bookkeeping == "nominal" else coherency.transmission.sum()
     uncertain = float(
         (coherency.transmission_error[:2] if bookkeeping == "nominal" else coherency.transmission_error).sum()
     )
     contrast, sampling, numerical = (float(bounds[name][used].sum()) for name in ("contrast", "sampling", "numerical"))
-    out = [left for left in coherency.left_out if belongs(left.m, left.l, bookkeeping)]
+    out = coherency.left_out.some(belongs(coherency.left_out.m, coherency.left_out.l, bookkeeping))
     wanted = {"nominal": 1, "paper": 1 + 2 * (beams - 2), "coherent": beams * (beams - 1) // 2}[bookkeeping]
     return Interferogram(
         bookkeeping=bookkeeping,
@@ -177,22 +178,21 @@ def _interferogram(
         numerical_error=numerical,
         left_out=_standard_error(coherency, out, 1.0),
         left_out_baseline=_standard_error(coherency, out, 0.0),
-        left_out_bound=float(sum(left.bound for left in out)),
+        left_out_bound=float(out.bound.sum()),
         unbounded=wanted - int(used.sum()) - len(out),
     )
 
 
-def _standard_error(coherency: Coherency, out: list[LeftOut], frequency: float) -> float:
+def _standard_error(coherency: Coherency, out: LeftOutPairs, frequency: float) -> float:
     """Bounds added plainly within each pair of families, and in squares over the pairs of families.
 
     A pair counts in full within NEAR of ``frequency`` (in nominal fringe frequencies) or if its own is not known.
     """
-    sums: dict[tuple[int, int], float] = {}
-    for left in out:
-        m, l = sorted((int(coherency.family[left.m]), int(coherency.family[left.l])))  # noqa: E741
-        far = abs(abs(left.frequency) - frequency) > NEAR  # False for NaN
-        sums[m, l] = sums.get((m, l), 0.0) + left.bound * (LEAKAGE if far else 1.0)
-    return float(np.sqrt(sum(bound * bound for bound in sums.values())))
+    one, other = coherency.family[out.m], coherency.family[out.l]
+    far = np.abs(np.abs(out.frequency) - frequency) > NEAR  # False for NaN
+    both = np.minimum(one, other) * (int(coherency.family.max()) + 1) + np.maximum(one, other)
+    sums = np.bincount(both, out.bound * np.where(far, LEAKAGE, 1.0))
+    return float(np.sqrt((sums**2).sum()))
 
 
 def _amplitudes(coherency: Coherency) -> Array:
@@ -320,12 +320,15 @@ def _check(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_he
         refuse("y_m", y_m.shape, "must be finite and ascending", "give the row centres in order")
     if not 0.0 <= row_height_m < np.inf:
         refuse("row_height_m", row_height_m, "must be zero or positive", "give the pixel pitch, or 0 for points")
-    keys = [frozenset((pair.m, pair.l)) for pair in coherency.pairs]
-    keys += [frozenset((left.m, left.l)) for left in coherency.left_out]
-    doubled = sorted(tuple(sorted(key)) for key, times in Counter(keys).items() if times > 1 or len(key) == 1)
-    if doubled:
-        refuse("coherency.pairs", doubled[0], "pair of a beam with itself, or given twice", "give every pair once")
-    if frozenset((0, 1)) not in keys[: len(coherency.pairs)]:
+    own = np.array([(pair.m, pair.l) for pair in coherency.pairs], dtype=np.int64).reshape(-1, 2)
+    ends = np.sort(np.concatenate([own, np.stack([coherency.left_out.m, coherency.left_out.l], axis=1)]), axis=1)
+    beams = len(coherency.labels)
+    keys, times = np.unique(ends[:, 0] * beams + ends[:, 1], return_counts=True)
+    doubled = keys[(times > 1) | (keys // beams == keys % beams)]
+    if len(doubled):
+        pair_twice = divmod(int(doubled[0]), beams)
+        refuse("coherency.pairs", pair_twice, "pair of a beam with itself, or given twice", "give every pair once")
+    if not (ends[: len(own)] == (0, 1)).all(axis=1).any():
         refuse("coherency.pairs", len(coherency.pairs), "the nominal pair (0, 1) is missing", "compute it")
     for pair in coherency.pairs:
         if not (np.all(np.isfinite(pair.gamma)) and np.all(np.isfinite(pair.opd_m)) and np.all(pair.error >= 0.0)):

@@ -3,43 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError
+from cgi_wave.kernels.trace import clearance_rows
 from cgi_wave.optics.system import OpticalSystem
+from cgi_wave.rays.disc import EVEN, NODES, disc, fitted, monomials, on_disc, rim
+from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc, rays_over_feed
 from cgi_wave.rays.paths import Path
-from cgi_wave.rays.trace import THETA_STEP, Sequence, Traced, aim, caustics, compile_sequence, jacobian, trace, trouble
+from cgi_wave.rays.trace import aim, aim_and_trace, caustics, compile_sequence, trace, trace_with_derivatives, trouble
 
 Array = NDArray[np.float64]
 
-#: Rays per beam: enough for a polynomial of degree 12 with a third to spare.
-NODES = 280
 #: Rays without which a beam is given up.
 FEWEST = 30
-#: Share of rays that must pass before a beam is sampled; below it the sampled disc is drawn in around those that do.
-FILLED = 0.55
-#: Points at which clearances are compared, and the most by which one changes between two of them: an aperture is
-#: carried along if its clearance falls below this where all others are above minus this.
-COMPARED = 1500
+#: An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
 COMFORTABLE = 0.25
-LIMITING = 0.05
-#: Apertures whose clearances agree to this everywhere are one (the stop and its image, a plate's two passes).
-SAME = 1e-6
-
-
-#: The even part of a sampled disc ends at this share of its radius; the rest lines its edge, for the fits.
-EVEN = 0.985
-
-
-def _ring(count: int) -> int:
-    """How many of ``count`` points line the edge of the disc."""
-    return int(3.0 * np.sqrt(count))
-
-
-RING = _ring(NODES)
+RING = rim(NODES)
 
 
 @dataclass(frozen=True)
@@ -48,7 +30,7 @@ class Rays:
 
     u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
     amplitude (S, N): √(power · Jacobian); clearance (K, S, N); direction (S, N, 2); pupil (S, N, 2) m;
-    x (S, N, 2) m on the detector; phase rad; lost: what stopped rays, by kind and surface.
+    x (S, N, 2) m on the detector; phase rad.
     even (N,): rays that are spread evenly over the pupil, each for a cell of ``cell`` m² (the others line the rim).
     """
 
@@ -60,7 +42,6 @@ class Rays:
     pupil: Array
     x: Array
     phase: float
-    lost: dict[str, int]
     even: NDArray[np.bool_]
     cell: float
 
@@ -82,14 +63,13 @@ class Rays:
         """
         middle = len(sigma) // 2
         p = self.pupil[middle]
-        centre, half = p.mean(axis=0), float(np.sqrt(((p - p.mean(axis=0)) ** 2).sum(axis=1)).max())
+        x, centre, half = on_disc(p)
         product = self.opl * sigma[:, None]
         group = (product[-1] - product[0]) / (sigma[-1] - sigma[0]) if len(sigma) > 1 else self.opl[0]
         values = np.column_stack([self.opl[middle], group, self.direction[middle, :, 1]])
         degree = 8 if len(p) >= 90 else 4
-        q, r = np.linalg.qr(monomials((p - centre) / half, degree))
         lit = (self.clearance[:, middle] > 0).all(axis=0)
-        return Sheet(p[lit], centre, half, degree, np.linalg.solve(r, q.T @ values))
+        return Sheet(p[lit], centre, half, degree, fitted(x, values, degree))
 
 
 @dataclass(frozen=True)
@@ -109,6 +89,11 @@ class Sheet:
         reach = np.sqrt(((self.p - middle) ** 2).sum(axis=1)).max() + 0.1 * self.half
         inside: NDArray[np.bool_] = ((points - middle) ** 2).sum(axis=1) <= reach**2
         return inside
+
+    def at(self, points: Array) -> Array:
+        """Path length, group path length, m, and direction cosine along y, (N, 3), at pupil points (N, 2)."""
+        values: Array = monomials((points - self.centre) / self.half, self.degree) @ self.coefficient
+        return values
 
     def opl_at(self, points: Array) -> Array:
         """Path length, m, of the rays through pupil points (N, 2)."""
@@ -141,16 +126,6 @@ class Spot:
     x: Array
 
 
-def disc(count: int, margin: float = 1.0) -> Array:
-    """Points (count, 2) spread evenly over the unit disc (sunflower), with a ring on its edge; scaled by ``margin``."""
-    ring = _ring(count)
-    k = np.arange(count - ring) + 0.5
-    radius, angle = np.sqrt(k / (count - ring)), np.pi * (1 + 5**0.5) * k
-    edge = 2 * np.pi * np.arange(ring) / ring
-    inner = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) * EVEN
-    return margin * np.concatenate([inner, np.column_stack([np.cos(edge), np.sin(edge)])])
-
-
 def nominal_direction(system: OpticalSystem, path: Path, x0: Array) -> Array:
     """Source direction (2,) whose ray through the pupil's centre meets the detector point ``x0`` (2,; m)."""
     theta, ok = aim(compile_sequence(system, path, system.sigma0), np.zeros((1, 2)), x0, np.zeros(2))
@@ -161,7 +136,7 @@ def nominal_direction(system: OpticalSystem, path: Path, x0: Array) -> Array:
 
 def spot(system: OpticalSystem, path: Path, theta: Array, sigma: float, count: int = 2000) -> Spot:
     """Geometric spot of ``path`` for source direction ``theta`` (2,). Raises EmptyBeamError if no ray arrives."""
-    points = disc(count)[: count - _ring(count)] / EVEN * system.pupil_radius
+    points = disc(count)[: count - rim(count)] / EVEN * system.pupil_radius
     traced = trace(compile_sequence(system, path, sigma), points, theta)
     ok = traced.passes
     if not ok.any():
@@ -178,49 +153,30 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     One ray per pupil point; G(p, x0) has amplitude |∂q/∂p|^½ = |det ∂x/∂θ|^−½ (the map is symplectic).
     start (2,): first guess of the source direction. Raises EmptyBeamError if no ray arrives.
     """
-    middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
-    guess = _linear_guess(middle, x0, start)
-    radius = system.pupil_radius
-    centre, half = np.zeros(2), radius * 1.03
-    for last in (False, False, False, True):
-        p = centre + half * disc(NODES)
-        theta, ok = aim(middle, p, x0, guess(p))
-        traced = trace(middle, p, theta)
-        inside = ok & traced.passes & ((p**2).sum(axis=1) < radius**2)
-        if not inside.any():
-            raise EmptyBeamError(f"{path.label}: no ray reaches {x0 * 1e3} mm; {trouble(middle, traced)}")
-        if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
-            break
-        centre, half = _bounding_disc(p[inside], half)
-    # Over a band the directions hardly change: the middle wavenumber's matrix serves the others.
-    matrix = jacobian(middle, p, theta, THETA_STEP)[0]
-    per_sigma = []
-    for sigma in sigmas:
-        sequence = compile_sequence(system, path, float(sigma))
-        theta_s, ok_s = aim(sequence, p, x0, theta, matrix)
-        per_sigma.append((sequence, theta_s, ok_s))
-    # A ray whose neighbours fail has no Jacobian: it is left out at all wavenumbers.
-    matrices = [jacobian(sequence, p, theta_s, THETA_STEP)[0] for sequence, theta_s, _ in per_sigma]
-    keep = ok & np.all([entry[2] for entry in per_sigma], axis=0) & np.isfinite(matrices).all(axis=(0, 2, 3))
+    middle = len(sigmas) // 2
+    sequence = compile_sequence(system, path, float(sigmas[middle]))
+    p, half, aimed = rays_over_feed(system, path, sequence, x0, start)
+    beams = []
+    for s, sigma in enumerate(sigmas):
+        at = compile_sequence(system, path, float(sigma))
+        beams.append(aimed if s == middle else aim_and_trace(at, p, x0, aimed.theta))
+    keep = np.all([beam.ok for beam in beams], axis=0)
     if keep.sum() < FEWEST:
         raise EmptyBeamError(
             f"{path.label}: {keep.sum()} of {len(p)} rays can be aimed at {x0 * 1e3} mm, {FEWEST} are needed"
         )
     p = p[keep]
     parts = []
-    for (sequence, theta_s, _), matrix in zip(per_sigma, matrices, strict=True):
-        traced = trace(sequence, p, theta_s[keep], footprints=True)
+    for beam in beams:
+        traced = beam.traced if keep.all() else beam.traced.some(keep)
         # What is left of the aiming error moves the end of the ray by δx: to first order Λ changes by q·δx.
         opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(matrix[keep])), 1e-300))
-        parts.append((p, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(beam.by_theta[keep])), 1e-300))
+        parts.append((p, opl, amplitude, clearance_rows(sequence.aperture, traced.foot), traced.direction, p, traced.x))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
-    crossed = caustics(
-        per_sigma[len(sigmas) // 2][0], p[nearest], per_sigma[len(sigmas) // 2][1][keep][nearest], "theta"
-    )
+    crossed = caustics(sequence, p[nearest], aimed.theta[keep][nearest], "theta")
     even = (np.arange(NODES) < NODES - RING)[keep]
-    phase = middle.phase - 0.5 * np.pi * crossed
-    return _stack(parts, radius, phase, trouble(middle, traced), even, half)
+    return _stack(parts, system.pupil_radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
 
 
 def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array) -> Rays:
@@ -228,132 +184,55 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
 
     Â(q) has amplitude |∂p/∂q|^½. Raises EmptyBeamError if no ray arrives.
     """
-    middle = compile_sequence(system, path, float(sigmas[len(sigmas) // 2]))
+    middle = len(sigmas) // 2
+    sequence = compile_sequence(system, path, float(sigmas[middle]))
     radius = system.pupil_radius
-    centre, half = np.zeros(2), radius * 1.03
+    centre, half = np.zeros(2), radius * OVER
     for last in (False, False, False, True):
         p = centre + half * disc(NODES)
-        traced = trace(middle, p, theta)
+        found = trace_with_derivatives(sequence, p, theta, "p")
+        traced = found.traced
         inside = traced.passes & ((p**2).sum(axis=1) < radius**2)
         if not inside.any():
-            raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(middle, traced)}")
+            raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, traced)}")
         if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
-        centre, half = _bounding_disc(p[inside], half)
-    even = (np.arange(NODES) < NODES - RING)[traced.valid]
-    p = p[traced.valid]
+        centre, half = bounding_disc(p[inside], half, NODES)
+    keep = traced.valid
+    even = (np.arange(NODES) < NODES - RING)[keep]
+    nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
+    curvature = found.dq[keep][nearest] @ np.linalg.inv(found.dx[keep][nearest])
+    p = p[keep]
     parts = []
-    for sigma in sigmas:
-        sequence = compile_sequence(system, path, float(sigma))
-        traced = trace(sequence, p, theta, footprints=True)
-        _, by_p = jacobian(sequence, p, theta, 1e-3 * radius, of="p")
+    for s, sigma in enumerate(sigmas):
+        at = compile_sequence(system, path, float(sigma))
+        here = found if s == middle else trace_with_derivatives(at, p, theta, "p")
+        traced, by_p = here.traced, here.dq
+        if len(traced.opl) > len(p):
+            traced, by_p = traced.some(keep), by_p[keep]
         # The incoming plane wave reaches pupil point p with the phase of p·θ.
         opl = traced.opl + p @ theta - (traced.direction * (traced.x - x0)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(np.linalg.det(by_p)), 1e-300))
-        parts.append((traced.direction, opl, amplitude, _clearances(sequence, traced), traced.direction, p, traced.x))
-    nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
-    crossed = caustics(middle, p[nearest], theta, "p")
-    dx, dq = jacobian(middle, p[nearest : nearest + 1], theta, 1e-3 * radius, of="p")
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(by_p)), 1e-300))
+        clearance = clearance_rows(sequence.aperture, traced.foot)
+        parts.append((traced.direction, opl, amplitude, clearance, traced.direction, p, traced.x))
+    crossed = caustics(sequence, p[nearest], theta, "p")
     # From position to direction by stationary phase: exp(iπ/4 · signature of ∂q/∂x).
-    curvature = dq[0] @ np.linalg.inv(dx[0])
     signature = np.sign(np.linalg.eigvals(curvature).real).sum()
-    phase = middle.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
-    return _stack(parts, radius, phase, trouble(middle, traced), even, half)
+    phase = sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
+    return _stack(parts, radius, phase, even, half)
 
 
-def _linear_guess(sequence: Sequence, x0: Array, start: Array):  # type: ignore[no-untyped-def]
-    """Source directions for all pupil points, from the linear map about one ray that ends on ``x0``."""
-    pivot = np.zeros((1, 2))
-    theta, ok = aim(sequence, pivot, x0, start)
-    if not ok[0]:
-        theta = start[None]
-    by_theta = jacobian(sequence, pivot, theta, THETA_STEP)[0][0]
-    by_p = jacobian(sequence, pivot, theta, 1e-4, of="p")[0][0]
-    if not (np.isfinite(by_theta).all() and np.isfinite(by_p).all()) or abs(np.linalg.det(by_theta)) < 1e-14:
-        return lambda p: np.broadcast_to(start, p.shape)
-    matrix = -np.linalg.solve(by_theta, by_p)
-    return lambda p: np.clip(theta[0] + p @ matrix.T, -0.4, 0.4)
+def _det(matrices: Array) -> Array:
+    """Determinants (N,) of (N, 2, 2)."""
+    value: Array = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+    return value
 
 
-def _bounding_disc(points: Array, half: float) -> tuple[Array, float]:
-    """Disc around the points that arrived, with room for what lies between them and the next ones."""
-    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    spacing = 1.8 * half / np.sqrt(NODES)
-    return centre, float(np.sqrt(((points - centre) ** 2).sum(axis=1)).max() + 1.5 * spacing)
-
-
-def _clearances(sequence: Sequence, traced: Traced) -> Array:
-    """Smooth signed clearances of every aperture on the way, (K', N): one per circle, four per rectangle."""
-    rows = []
-    for k, ap in enumerate(sequence.aperture):
-        x, y = traced.foot[k, 0] - ap[3], traced.foot[k, 1] - ap[4]
-        if ap[0] == 1.0:
-            rows.append(1.0 - (x * x + y * y) / ap[1] ** 2)
-        else:
-            rows += [1.0 - x / ap[1], 1.0 + x / ap[1], 1.0 - y / ap[2], 1.0 + y / ap[2]]
-    return np.array(rows)
-
-
-def _stack(
-    parts: list, radius: float, phase: float, lost: dict[str, int], even: NDArray[np.bool_], half: float
-) -> Rays:
+def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float) -> Rays:
     u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
     cell = float(np.pi * (EVEN * half) ** 2 / (NODES - RING))
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
-    # An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
     near = clearance.min(axis=(1, 2)) < COMFORTABLE
     near[0] = True
-    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, lost, even, cell)
-
-
-def limiting(clearance: Array, p: Array) -> Array:
-    """The clearances (K', S, N) of (K, S, N) that bound the beam; at least one. p (N, 2): pupil points.
-
-    Most apertures on a long path are passed with room to spare, or lie in the shadow of another (a mirror next to an
-    image of the stop). Polynomials through the samples say which, on points much denser than the rays.
-    """
-    centre = 0.5 * (p.min(axis=0) + p.max(axis=0))
-    x = (p - centre) / np.sqrt(((p - centre) ** 2).sum(axis=1)).max()
-    # The usual disc has its operator kept; a beam that lost rays needs one of its own.
-    to_dense = _usual_operator() if len(x) == NODES else _operator(x, 8 if len(x) >= 90 else 4)
-    dense = clearance[:, clearance.shape[1] // 2] @ to_dense.T
-    order = np.argsort(dense.min(axis=1))
-    kept: list[int] = []
-    for k in order:
-        others = dense[kept].min(axis=0) if kept else np.full(dense.shape[1], np.inf)
-        cuts = bool(((dense[k] < LIMITING) & (others > -LIMITING)).any())
-        if cuts and all(np.abs(dense[k] - dense[j]).max() > SAME for j in kept):
-            kept.append(int(k))
-    for k in list(kept):
-        rest = [j for j in kept if j != k]
-        if rest and not ((dense[k] < LIMITING) & (dense[rest].min(axis=0) > -LIMITING)).any():
-            kept = rest
-    return clearance[kept or [int(order[0])]]
-
-
-@lru_cache(maxsize=1)
-def _usual_operator() -> Array:
-    return _operator(disc(NODES))
-
-
-def _operator(x: Array, degree: int = 8) -> Array:
-    """(COMPARED, N): values of the polynomial through samples at ``x`` on dense points of the unit disc."""
-    q, r = np.linalg.qr(monomials(x, degree))
-    operator: Array = np.linalg.solve(r.T, monomials(disc(COMPARED), degree).T).T @ q.T
-    return operator
-
-
-def monomial_powers(degree: int) -> list[tuple[int, int]]:
-    """Powers (i, j), i + j ≤ degree, in the order of ``monomials``."""
-    return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
-
-
-def monomials(x: Array, degree: int = 8) -> Array:
-    """(N, T) products x^i y^j, i + j ≤ degree, of points (N, 2) in the unit disc."""
-    i, j = np.array(monomial_powers(degree)).T
-    powers = np.ones((degree + 1, *x.shape))
-    for k in range(1, degree + 1):
-        powers[k] = powers[k - 1] * x
-    values: Array = (powers[i, :, 0] * powers[j, :, 1]).T
-    return values
+    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell)

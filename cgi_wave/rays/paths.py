@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
-from cgi_wave.kernels.trace import REFLECT, REFRACT, search_paths
+from cgi_wave.kernels import trace as kernel
+from cgi_wave.kernels.search import REFLECT, REFRACT, search_paths
 from cgi_wave.optics.system import OpticalSystem
 
 Interaction = Literal["transmit", "reflect"]
@@ -33,7 +34,8 @@ class Path:
     share it and differ in arms form a family); twin: number among paths of equal history and arms (a plate's face met
     from inside on the way in, or between mirror and plate on the way out); estimate: power on the detector relative to
     the nominal beams together, from the probes of the search (a few per cent; NaN for a path written by hand); probe:
-    number of the first probe (of ``pupil_probes``) that arrived on it.
+    number of the first probe (of ``pupil_probes``) that arrived on it; length: its optical path from the pupil plane to
+    the detector, m.
     """
 
     steps: tuple[Step, ...]
@@ -44,6 +46,7 @@ class Path:
     twin: int = 1
     estimate: float = float("nan")
     probe: int = -1
+    length: float = float("nan")
 
     def __str__(self) -> str:
         return " ".join(f"{name}:r" if act == "reflect" else name for name, act in self.steps)
@@ -148,18 +151,22 @@ def find_paths(
     first = search(0, 0, 1e-12)
     if len(first[0]) == 0:
         raise EmptyBeamError(f"{system.file}: band {system.band}: no nominal path reaches the detector")
-    input_power, nominal_power = float(np.sum(first[4])), float(np.sum(first[4] * first[2]))
-    paths, lengths, counts, arrived, powers, _, _, overflow = search(max_order, max_splits, min_power * input_power)
+    input_power, nominal_power = float(np.sum(first[5])), float(np.sum(first[5] * first[2]))
+    rows, lengths, counts, arrived, opl, powers, _, _, overflow = search(max_order, max_splits, min_power * input_power)
     if overflow:
         raise MethodLimitError(
             "path search", f"{MAX_PATHS} paths or {MAX_DEPTH} surfaces", 1.0, "raise min_power or lower max_order"
         )
+    steps: list[Step] = [(s.name, act) for s in surfaces for act in ("transmit", "reflect")]
+    before_pupil = (
+        system.document.entrance.back_off_mm * 1e-3 * index[system.spaces.index(system.document.entrance.space)]
+    )
     found: list[tuple[tuple[float, ...], Path]] = []
-    for row, length, count, probe, power in zip(paths, lengths, counts, arrived, powers, strict=True):
-        steps: list[Step] = [
-            (surfaces[s // 2].name, "reflect" if s % 2 == REFLECT else "transmit") for s in row[:length]
-        ]
-        path = replace(make_path(system, steps), estimate=float(power * count / nominal_power), probe=int(probe))
+    for row, length, count, probe, way, power in zip(rows, lengths, counts, arrived, opl, powers, strict=True):
+        path = replace(
+            make_path(system, [steps[code] for code in row[:length].tolist()]),
+            estimate=float(power * count / nominal_power), probe=int(probe), length=float(way - before_pupil),
+        )  # fmt: skip
         key = (path.order, *path.arms) if path.order == 0 else (path.order, -power * count)
         found.append((key, path))
     ordered = [path for _, path in sorted(found, key=lambda item: (item[0], str(item[1])))]
@@ -185,4 +192,5 @@ def _bare_reflectance(surface, index: NDArray[np.float64]) -> float:  # type: ig
     return float(((n1 - n2) / (n1 + n2)) ** 2)
 
 
-assert (REFRACT, REFLECT) == (0, 1)  # the search returns 2·surface + interaction
+# The search returns 2·surface + interaction, and both kernels mean the same by an interaction.
+assert (REFRACT, REFLECT) == (kernel.REFRACT, kernel.REFLECT) == (0, 1)

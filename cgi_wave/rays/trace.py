@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
-from cgi_wave.kernels.trace import BACKWARD, MISS, REFLECT, REFRACT, TIR, trace_sequence
+from cgi_wave.kernels.trace import (
+    BACKWARD,
+    MISS,
+    REFLECT,
+    REFRACT,
+    TIR,
+    aim_rays,
+    count_caustics,
+    launch,
+    trace_sequence,
+)
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
 
@@ -37,6 +47,14 @@ class Sequence:
     names: tuple[str, ...]
     back_off: float
 
+    @property
+    def kernel(self):  # type: ignore[no-untyped-def]
+        """The arrays as ``kernels.trace`` takes them."""
+        return (
+            self.rot, self.shift, self.curvature, self.conic, self.n1, self.n2, self.mode, self.weight, self.bare,
+            self.aperture,
+        )  # fmt: skip
+
     def upto(self, count: int) -> Sequence:
         """The first ``count`` surfaces of the sequence."""
         return Sequence(
@@ -63,6 +81,11 @@ class Traced:
     status: NDArray[np.int64]
     foot: Array
 
+    def some(self, keep: NDArray[np.bool_]) -> Traced:
+        """The rays of a mask (N,)."""
+        return Traced(self.x[keep], self.direction[keep], self.opl[keep], self.power[keep], self.clearance[keep],
+                      self.status[keep], self.foot[:, :, keep])  # fmt: skip
+
     @property
     def passes(self) -> NDArray[np.bool_]:
         """Rays that reach the last surface inside every aperture, really and not virtually."""
@@ -74,52 +97,92 @@ class Traced:
         return ((self.status == 0) | (self.status % 4 == BACKWARD)) & np.isfinite(self.opl)
 
 
-@lru_cache(maxsize=4096)
-def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequence:
-    """Arrays for one path at wavenumber ``sigma`` (1/m). Raises InputError where media do not join."""
-    index = system.index(sigma)
+@dataclass(frozen=True)
+class _Route:
+    """What of a sequence does not depend on the wavenumber; before, after (K,): spaces on both sides of each step."""
+
+    rot: Array
+    shift: Array
+    curvature: Array
+    conic: Array
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
+    mode: NDArray[np.int64]
+    weight: Array
+    bare: NDArray[np.int64]
+    aperture: Array
+    phase: float
+    flips: NDArray[np.int64]
+    names: tuple[str, ...]
+    back_off: float
+
+
+@lru_cache(maxsize=16)
+def _poses(system: OpticalSystem) -> tuple[Array, Array]:
+    """Rotation (S + 1, S, 3, 3) and shift (S + 1, S, 3) from each surface's frame, the pupil's last, to each other."""
     axes, origin = system.pupil_frame()
+    own = np.array([surface.rotation for surface in system.surfaces])
+    at = np.array([surface.origin for surface in system.surfaces])
+    every, start = np.concatenate([own, axes[None]]), np.concatenate([at, origin[None]])
+    return own[None] @ every[:, None].transpose(0, 1, 3, 2), np.einsum("aij,abj->abi", every, at[None] - start[:, None])
+
+
+@lru_cache(maxsize=4096)
+def _route(system: OpticalSystem, path: Path) -> _Route:
+    surfaces = system.surfaces
     space = system.spaces.index(system.document.entrance.space)
-    rot, shift, numbers = [], [], []
-    n1, n2, mode, weight, bare = [], [], [], [], []
+    numbers, before, after, mode, weight, bare, flips = [], [], [], [], [], [], []
     phase = 0.0
-    steps = [*path.steps, (system.surfaces[system.detector].name, "absorb")]
-    for name, act in steps:
-        surface = system.surfaces[system.number[name]]
+    steps = [*path.steps, (surfaces[system.detector].name, "absorb")]
+    for k, (name, act) in enumerate(steps):
+        number = system.number[name]
+        surface = surfaces[number]
         if space not in (surface.before, surface.after):
             problem = f"is not reached from {system.spaces[space]!r} (media do not join)"
             raise InputError("path", name, str(path), problem, "give the steps in the order in which light meets them")
         other = surface.after if space == surface.before else surface.before
-        rot.append(surface.rotation @ axes.T)
-        shift.append(axes @ (surface.origin - origin))
-        axes, origin = surface.rotation, surface.origin
-        numbers.append(surface)
-        n1.append(index[space])
+        numbers.append(number)
+        before.append(space)
         coating = surface.coating
+        mode.append(REFLECT if act == "reflect" else REFRACT)
         if act == "reflect":
-            mode.append(REFLECT)
-            n2.append(index[other] if coating.bare and other >= 0 else index[space])
+            bounce = coating.bare and other >= 0
+            after.append(other if bounce else space)
             weight.append(coating.reflectance)
-            flip = coating.bare and other >= 0 and index[other] > index[space]
-            phase += np.pi * flip + np.radians(coating.reflect_phase_deg)
+            flips += [k] if bounce else []
+            phase += np.radians(coating.reflect_phase_deg)
         elif act == "transmit":
             if other < 0:
                 raise InputError("path", name, str(path), "has nothing behind it", "reflect there")
-            mode.append(REFRACT)
-            n2.append(index[other])
+            after.append(other)
             weight.append(coating.transmittance)
             phase += np.radians(coating.transmit_phase_deg)
             space = other
         else:
-            mode.append(REFRACT)
-            n2.append(index[space])
+            after.append(space)
             weight.append(1.0)
         bare.append(int(coating.bare and act != "absorb"))
+    rot, shift = _poses(system)
+    start = [len(surfaces), *numbers[:-1]]
+    return _Route(
+        rot[start, numbers], shift[start, numbers], np.array([surfaces[k].curvature for k in numbers]),
+        np.array([surfaces[k].conic for k in numbers]), np.array(before), np.array(after),
+        np.array(mode, dtype=np.int64), np.array(weight), np.array(bare, dtype=np.int64),
+        np.array([surfaces[k].aperture for k in numbers]), float(phase), np.array(flips, dtype=np.int64),
+        tuple(name for name, _ in steps), system.document.entrance.back_off_mm * 1e-3,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=4096)
+def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequence:
+    """Arrays for one path at wavenumber ``sigma`` (1/m). Raises InputError where media do not join."""
+    route, index = _route(system, path), system.index(sigma)
+    n1, n2 = index[route.before], index[route.after]
+    # A bare face turns the phase of what it reflects by π if light comes from the thinner medium.
+    phase = route.phase + np.pi * int((n2[route.flips] > n1[route.flips]).sum())
     return Sequence(
-        np.array(rot), np.array(shift), np.array([s.curvature for s in numbers]), np.array([s.conic for s in numbers]),
-        np.array(n1), np.array(n2), np.array(mode, dtype=np.int64), np.array(weight), np.array(bare, dtype=np.int64),
-        np.array([s.aperture for s in numbers]), float(phase), tuple(name for name, _ in steps),
-        system.document.entrance.back_off_mm * 1e-3,
+        route.rot, route.shift, route.curvature, route.conic, n1, n2, route.mode, route.weight, route.bare,
+        route.aperture, phase, route.names, route.back_off,
     )  # fmt: skip
 
 
@@ -128,20 +191,20 @@ def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False) 
 
     p : (N, 2) m in the entrance pupil plane; theta : (N, 2) or (2,) direction cosines of the incoming light there.
     """
-    theta = np.broadcast_to(theta, p.shape)
+    return _run(sequence, p, theta, footprints)[0]
+
+
+def _run(sequence: Sequence, p: Array, theta: Array, footprints: bool, of: str = "") -> tuple[Traced, Array]:
+    """Rays on the last surface, and their derivatives (T, 6, N): none, by "theta", by "p", or by both in that order."""
+    p, theta = np.ascontiguousarray(p), np.ascontiguousarray(np.broadcast_to(theta, p.shape))
     count = len(p)
-    rays = np.zeros((6, count))
-    rays[3:5] = theta.T
-    rays[5] = np.sqrt(1.0 - (theta**2).sum(axis=1))
-    rays[:2] = p.T
-    rays[:3] -= sequence.back_off * rays[3:]
-    opl, power, clearance = np.full(count, -sequence.back_off * sequence.n1[0]), np.ones(count), np.full(count, np.inf)
-    status = np.zeros(count, dtype=np.int64)
+    tangents = {"": 0, "both": 4}.get(of, 2)
+    rays, tangent, opl = np.empty((6, count)), np.empty((tangents, 6, count)), np.empty(count)
+    power, clearance, status = np.ones(count), np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     foot = np.empty((len(sequence.curvature) if footprints else 0, 2, count))
-    s = sequence
-    trace_sequence(s.rot, s.shift, s.curvature, s.conic, s.n1, s.n2, s.mode, s.weight, s.bare, s.aperture, rays, opl,
-                   power, status, clearance, foot)  # fmt: skip
-    return Traced(rays[:2].T.copy(), rays[3:5].T.copy(), opl, power, clearance, status, foot)
+    launch(p, theta, sequence.back_off, sequence.n1[0], 2 if of == "p" else 0, rays, tangent, opl)
+    trace_sequence(*sequence.kernel, rays, tangent, opl, power, status, clearance, foot)
+    return Traced(rays[:2].T, rays[3:5].T, opl, power, clearance, status, foot), tangent
 
 
 def trouble(sequence: Sequence, traced: Traced) -> dict[str, int]:
@@ -154,65 +217,71 @@ def trouble(sequence: Sequence, traced: Traced) -> dict[str, int]:
     return counts
 
 
-def jacobian(sequence: Sequence, p: Array, theta: Array, step: float, of: str = "theta") -> tuple[Array, Array]:
-    """∂(x, q)/∂theta (or ∂/∂p), two (N, 2, 2) arrays [output, input], by central differences of ``step``."""
-    columns = []
-    for axis in range(2):
-        delta = np.zeros(2)
-        delta[axis] = step
-        a, b = (
-            (trace(sequence, p, theta + delta), trace(sequence, p, theta - delta))
-            if of == "theta"
-            else (trace(sequence, p + delta, theta), trace(sequence, p - delta, theta))
-        )
-        columns.append(((a.x - b.x) / (2 * step), (a.direction - b.direction) / (2 * step)))
-    return np.stack([c[0] for c in columns], axis=2), np.stack([c[1] for c in columns], axis=2)
+def jacobian(sequence: Sequence, p: Array, theta: Array, of: str = "theta") -> tuple[Array, Array]:
+    """∂(x, q)/∂theta (or ∂/∂p), two (N, 2, 2) arrays [output, input]: the rays' own equations, differentiated.
+
+    Infinite or NaN for rays that have no end.
+    """
+    return _matrices(_run(sequence, p, theta, False, of)[1])
 
 
-THETA_STEP = 2e-5
+@dataclass(frozen=True)
+class Differentiated:
+    """Rays with footprints, and ∂x, ∂q on the last surface by theta or p: (N, 2, 2) each, [output, input]; by both,
+    (N, 2, 4), theta first."""
+
+    traced: Traced
+    dx: Array
+    dq: Array
+
+
+def trace_with_derivatives(sequence: Sequence, p: Array, theta: Array, of: str) -> Differentiated:
+    """``trace`` with footprints and ``jacobian`` in one; of: "theta", "p" or "both"."""
+    traced, tangent = _run(sequence, p, theta, True, of)
+    return Differentiated(traced, *_matrices(tangent))
+
+
+def _matrices(tangent: Array) -> tuple[Array, Array]:
+    """∂x and ∂q, (N, 2, T) each, of tangents (T, 6, N)."""
+    return tangent[:, :2].transpose(2, 1, 0), tangent[:, 3:5].transpose(2, 1, 0)
+
+
 #: Aiming stops here: the first-order correction of the OPL then leaves less than 1e-16 m.
 AIM_TOLERANCE = 1e-10
+#: Traces of a ray at most, and its longest step in theta.
+ROUNDS, LONGEST = 12, 0.1
 
 
-def aim(
-    sequence: Sequence, p: Array, target: Array, start: Array, matrix: Array | None = None, iterations: int = 12
-) -> tuple[Array, NDArray[np.bool_]]:
+@dataclass(frozen=True)
+class Aimed:
+    """Rays aimed at one detector point: theta (N, 2), 0 where ``ok`` (N,) is False; traced, with footprints if asked
+    for; by_theta (N, 2, 2): ∂x/∂theta. Rows of rays that are not ok mean nothing."""
+
+    theta: Array
+    ok: NDArray[np.bool_]
+    traced: Traced
+    by_theta: Array
+
+
+def aim_and_trace(sequence: Sequence, p: Array, target: Array, start: Array, footprints: bool = True) -> Aimed:
+    """Aim rays from pupil points ``p`` (N, 2) at the detector point ``target`` (2,), from ``start`` (2,) or (N, 2)."""
+    theta, count = np.array(np.broadcast_to(start, p.shape), dtype=np.float64, order="C"), len(p)
+    rays, tangent, opl, power = np.empty((6, count)), np.empty((2, 6, count)), np.empty(count), np.empty(count)
+    clearance, status = np.empty(count), np.empty(count, dtype=np.int64)
+    foot = np.zeros((len(sequence.curvature) if footprints else 0, 2, count))
+    ok = aim_rays(*sequence.kernel, sequence.back_off, np.ascontiguousarray(p), np.ascontiguousarray(target), theta,
+                  AIM_TOLERANCE, LONGEST, ROUNDS, rays, tangent, opl, power, status, clearance, foot)  # fmt: skip
+    traced = Traced(rays[:2].T, rays[3:5].T, opl, power, clearance, status, foot)
+    return Aimed(np.where(ok[:, None], theta, 0.0), ok, traced, _matrices(tangent)[0])
+
+
+def aim(sequence: Sequence, p: Array, target: Array, start: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Directions with which rays from pupil points ``p`` (N, 2) end on the detector point ``target`` (2,), by Newton.
 
-    start : (2,) or (N, 2) first guess; matrix (N, 2, 2): ∂x/∂theta where the guess is so good that it need not be
-    renewed. Returns theta (N, 2) and a mask of the rays that converged.
+    start : (2,) or (N, 2) first guess. Returns theta (N, 2) and a mask of the rays that converged.
     """
-    theta = np.array(np.broadcast_to(start, p.shape))
-    todo = np.ones(len(p), dtype=bool)
-    renew = 3 if matrix is None else 0
-    matrix = np.empty((len(p), 2, 2)) if matrix is None else matrix
-    for turn in range(iterations):
-        where = np.flatnonzero(todo)
-        if len(where) == 0:
-            break
-        now = trace(sequence, p[where], theta[where])
-        miss = target - now.x
-        good = now.valid & (np.hypot(miss[:, 0], miss[:, 1]) < 1.0)
-        done = good & (np.abs(miss).max(axis=1) < AIM_TOLERANCE)
-        todo[where[done]] = False
-        if turn < renew:
-            # The map from theta to x is nearly linear: its matrix is renewed only while the steps are large.
-            matrix[where] = jacobian(sequence, p[where], theta[where], THETA_STEP)[0]
-        move = where[good & ~done]
-        if len(move) == 0:
-            break
-        # Where a neighbouring ray fails there is no matrix; where it is singular, x does not answer to theta.
-        move = move[np.isfinite(matrix[move]).all(axis=(1, 2))]
-        move = move[np.abs(np.linalg.det(matrix[move])) > 1e-14]
-        delta = np.linalg.solve(matrix[move], miss[np.isin(where, move)][:, :, None])[:, :, 0]
-        # A ghost far out of focus can throw the first step out of the field: shorten it.
-        size = np.hypot(delta[:, 0], delta[:, 1])
-        theta[move] += delta * np.minimum(1.0, 0.1 / np.maximum(size, 1e-300))[:, None]
-        lost = np.hypot(theta[:, 0], theta[:, 1]) > 0.5
-        theta[lost] = np.nan
-        todo &= ~lost
-    final = ~todo & np.isfinite(theta).all(axis=1)
-    return np.where(final[:, None], theta, 0.0), final
+    aimed = aim_and_trace(sequence, p, target, start, footprints=False)
+    return aimed.theta, aimed.ok
 
 
 def history(sequence: Sequence, p: Array, theta: Array) -> Array:
@@ -234,35 +303,13 @@ def caustics(sequence: Sequence, p: Array, theta: Array, vary: str) -> int:
     """Number of caustics that the ray (p, theta) crosses before the end of its sequence (Maslov index).
 
     vary : "theta" for light from one pupil point (conjugate points of G(p, x)), "p" for light from one direction
-    (foci of a plane wave). A wavefront's two focal points on each segment follow from three neighbouring rays.
+    (foci of a plane wave).
     """
-    step = 1e-6 if vary == "theta" else 1e-6 * 16.0
-    steps = np.array([[0, 0], [step, 0], [0, step]])
-    fixed = np.zeros_like(steps)
-    points = history(sequence, p + (steps if vary == "p" else fixed), theta + (steps if vary == "theta" else fixed))
     # Planes make no caustic; before the first curved surface the only zero is the pupil that was launched from.
     powered = np.flatnonzero(sequence.curvature)
-    first = powered[0] + 1 if len(powered) else len(points) - 1
-    along = np.diff(points, axis=0)[first:]
-    start = points[first:-1]
-    length = np.linalg.norm(along, axis=2, keepdims=True)
-    direction = along / length
-    chief = direction[:, 0]
-    helper = np.where(np.abs(chief[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    e1 = np.cross(chief, helper)
-    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
-    basis = np.stack([e1, np.cross(chief, e1)], axis=2)
-    # Neighbours relative to the chief ray, in planes across it: base + s·rate, s along the chief ray.
-    slope = direction[:, 1:] / np.einsum("kni,ki->kn", direction[:, 1:], chief)[:, :, None]
-    gap = start[:, 1:] - start[:, :1]
-    base = (gap - np.einsum("kni,ki->kn", gap, chief)[:, :, None] * slope) @ basis
-    rate = slope @ basis
-    # det(base + s·rate) = a s² + b s + c. A wavefront's curvature is symmetric: its roots are real but for rounding.
-    a, c = np.linalg.det(rate), np.linalg.det(base)
-    b = base[:, 0, 0] * rate[:, 1, 1] + rate[:, 0, 0] * base[:, 1, 1]
-    b = b - base[:, 0, 1] * rate[:, 1, 0] - rate[:, 0, 1] * base[:, 1, 0]
-    root = np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0))
-    # 1/s is finite where the wavefront is plane: count roots of c u² + b u + a beyond 1/length.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = np.stack([(-b + root) / (2.0 * c), (-b - root) / (2.0 * c)])
-    return int(np.count_nonzero(inverse > 1.0 / length[:, 0, 0]))
+    if len(powered) == 0:
+        return 0
+    rays, tangent, opl = np.empty((6, 1)), np.empty((2, 6, 1)), np.empty(1)
+    launch(p[None], theta[None], sequence.back_off, sequence.n1[0], 0 if vary == "theta" else 2, rays, tangent, opl)
+    s = sequence
+    return int(count_caustics(s.rot, s.shift, s.curvature, s.conic, s.n1, s.n2, s.mode, powered[0], rays, tangent))

@@ -33,6 +33,9 @@ def write(
     summary = {"bands": {name: _summary(band) for name, band in analysis.bands.items()}, "provenance": provenance}
     files = ["summary.json"]
     bands = []
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure  # noqa: F401  (before the processes part, which then need not import it each)
+
     with ProcessPoolExecutor(PROCESSES) as pool:  # drawing a band takes seconds, and no band waits for another
         drawn = {}
         for name, band in analysis.bands.items():
@@ -193,7 +196,11 @@ def _pictures(
 
 
 def _save(figure: Figure, path: Path, provenance: Mapping[str, Any]) -> None:
-    figure.savefig(path, dpi=DPI, metadata={"Software": "cgi-wave", "Description": to_json(provenance)})
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(DPI)
+    # Not savefig, which draws the whole figure once more to lay it out.
+    FigureCanvasAgg(figure).print_png(path, metadata={"Software": "cgi-wave", "Description": to_json(provenance)})
 
 
 def _text(path: Path, text: str) -> None:

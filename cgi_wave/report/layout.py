@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from cgi_wave.optics.system import OpticalSystem, Surface
 from cgi_wave.rays.beams import nominal_direction
-from cgi_wave.rays.paths import find_paths
+from cgi_wave.rays.paths import Path, find_paths
 from cgi_wave.rays.trace import compile_sequence, history, trace
 
 Array = NDArray[np.float64]
@@ -34,14 +35,16 @@ def layout(system: OpticalSystem) -> list[dict[str, Any]]:
     """
     spread = np.ptp([surface.origin for surface in system.surfaces], axis=0)
     first, second, third = (int(axis) for axis in np.argsort(-spread, kind="stable"))
-    views = [_view(system, (first, second), third)]
+    paths = find_paths(system, max_order=0, max_splits=0)
+    fans = [_fan(system, paths, system.field_points()[index]) for index in FIELDS]
+    views = [_view(system, fans, (first, second), third)]
     if spread[third] > NEAR * spread[first]:
-        views.append(_view(system, (first, third), second))
+        views.append(_view(system, fans, (first, third), second))
     return views
 
 
-def _view(system: OpticalSystem, plane: tuple[int, int], across: int) -> dict[str, Any]:
-    """One view along the world axis ``across``."""
+def _view(system: OpticalSystem, fans: list[list[Array]], plane: tuple[int, int], across: int) -> dict[str, Any]:
+    """One view along the world axis ``across``; fans: of each field point, from ``_fan``."""
     profiles = [_profile(surface, across)[:, plane] for surface in system.surfaces]
     near = NEAR * float(np.ptp(np.concatenate(profiles), axis=0).max())
     surfaces: list[dict[str, Any]] = [{"name": "", "points_m": points} for points in profiles]
@@ -50,11 +53,7 @@ def _view(system: OpticalSystem, plane: tuple[int, int], across: int) -> dict[st
         "title": f"{system.band}, seen along {'xyz'[across]}",
         "axes": tuple("xyz"[axis] for axis in plane),
         "surfaces": surfaces,
-        "rays": [
-            {"points_m": points[:, plane], "group": group}
-            for group, index in enumerate(FIELDS)
-            for points in _fan(system, system.field_points()[index])
-        ],
+        "rays": [{"points_m": points[:, plane], "group": group} for group, fan in enumerate(fans) for points in fan],
     }
 
 
@@ -90,7 +89,7 @@ def _profile(surface: Surface, across: int, count: int = 31) -> Array:
     return points @ surface.rotation + surface.origin
 
 
-def _fan(system: OpticalSystem, x0: Array) -> list[Array]:
+def _fan(system: OpticalSystem, paths: Sequence[Path], x0: Array) -> list[Array]:
     """Rays to the detector point x0 (2,) through a cross of pupil points, on each nominal path: (K, 3) world points.
 
     Of the cross's two lines one lies in the plane of a view as long as no mirror turns the light out of it, and the
@@ -100,7 +99,7 @@ def _fan(system: OpticalSystem, x0: Array) -> list[Array]:
     height = np.linspace(-0.98, 0.98, FAN) * system.pupil_radius
     line = np.concatenate([np.outer(height, axis) for axis in np.eye(2)])
     rays = []
-    for path in find_paths(system, max_order=0, max_splits=0):
+    for path in paths:
         theta = nominal_direction(system, path, x0)
         sequence = compile_sequence(system, path, system.sigma0)
         passes = trace(sequence, line, theta).passes

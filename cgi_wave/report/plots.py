@@ -69,10 +69,12 @@ def plot_irradiance(spot: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     spot : ``label``, ``x_m`` (Nx + 1,) and ``y_m`` (Ny + 1,) bin edges in m, ``irradiance`` (Ny, Nx) ≥ 0 in 1/m²,
     ``power`` (its integral) and ``rms_x_m``, ``rms_y_m``.
     """
+    from matplotlib.ticker import MaxNLocator
+
     ax = _axes(ax, (3.4, 3.0))
     x, y = np.asarray(spot["x_m"]) * 1e3, np.asarray(spot["y_m"]) * 1e3
     mesh = ax.pcolormesh(x, y, np.asarray(spot["irradiance"]) * 1e-6, cmap="magma", vmin=0.0, rasterized=True)
-    ax.figure.colorbar(mesh, ax=ax, label="power / nominal, per mm²")
+    ax.figure.colorbar(mesh, ax=ax, label="power / nominal, per mm²", ticks=MaxNLocator(4))
     rms = " × ".join(f"{spot[key] * 1e6:.3g}" for key in ("rms_x_m", "rms_y_m"))
     _square(ax, f"{_wrap(spot['label'])}\npower {spot['power']:.3g}, RMS {rms} µm", "mm")
     return ax
@@ -93,7 +95,9 @@ def plot_psf(psf: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     norm = LogNorm(vmin=10.0**-PSF_DECADES, vmax=1.0, clip=True)
     values = values / peak if peak > 0 else values
     image = ax.imshow(values, cmap="magma", norm=norm, origin="lower", extent=extent)
-    ax.figure.colorbar(image, ax=ax, label="irradiance / its peak")
+    # Ticks take longer to draw than all the rest, and minor ones say nothing on a scale of decades.
+    ticks = 10.0 ** np.arange(-PSF_DECADES, 1, 2)
+    ax.figure.colorbar(image, ax=ax, label="irradiance / its peak", ticks=ticks).minorticks_off()
     about = psf["method"].split(" ")[0] if psf["share"] is None else f"{psf['share']:.1%} of its power in the window"
     _square(ax, f"{_wrap(psf['label'])}\n{about}", "µm")
     return ax
@@ -160,6 +164,7 @@ def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
 
 def _square(ax: Axes, title: str, unit: str) -> None:
     ax.set_aspect("equal")
+    ax.locator_params(nbins=4)
     ax.set_xlabel(f"x / {unit}")
     ax.set_ylabel(f"y / {unit}")
     ax.set_title(title, fontsize=8)

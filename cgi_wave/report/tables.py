@@ -100,16 +100,23 @@ def _cells(values: np.ndarray) -> list[str]:
 
 def _write_netcdf(path: Path, table: Mapping[str, np.ndarray], provenance: Mapping[str, Any]) -> None:
     """Dimensions ``ghost`` and ``field``; every number carries ``units``; provenance as a JSON attribute."""
-    import xarray
+    import h5netcdf
+    import h5py
 
-    variables = {}
-    for name, values in table.items():
-        attributes = {} if values.dtype.kind == "U" else {"units": unit(name)}
-        if values.dtype.kind in "fc" and np.isnan(values).any():
-            attributes["comment"] = NOT_COMPUTED
-        variables[name] = (("ghost", "field")[: values.ndim], values, attributes)
-    dataset = xarray.Dataset(variables, attrs={"title": "ghosts", "provenance": to_json(provenance)})
-    dataset.to_netcdf(path, engine="h5netcdf")
+    with h5netcdf.File(path, "w") as file:
+        file.attrs.update({"title": "ghosts", "provenance": to_json(provenance)})
+        for name, values in table.items():
+            dimensions = ("ghost", "field")[: values.ndim]
+            file.dimensions.update(
+                {d: n for d, n in zip(dimensions, values.shape, strict=True) if d not in file.dimensions}
+            )
+            words = values.dtype.kind == "U"
+            variable = file.create_variable(name, dimensions, h5py.string_dtype() if words else values.dtype)
+            variable[...] = values.astype(object) if words else values
+            if not words:
+                variable.attrs["units"] = unit(name)
+            if values.dtype.kind in "fc" and np.isnan(values).any():
+                variable.attrs["comment"] = NOT_COMPUTED
 
 
 def _write_mat(path: Path, table: Mapping[str, np.ndarray], provenance: Mapping[str, Any]) -> None:

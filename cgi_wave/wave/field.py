@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
+from cgi_wave.kernels.fit import near_points
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
-from cgi_wave.wave.fitting import OVERSAMPLING, Basis, Fit
+from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
 from cgi_wave.wave.region import SAFETY, Region, Support, find_region, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
 
@@ -119,46 +119,25 @@ def _near(x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]
 
     They hold the boundary; those further out would only ask the polynomial for what it need not do.
     """
-    near = np.zeros(lit.shape, bool)
-    for s, here in enumerate(x):
-        gap, _ = KDTree(here[lit[s]]).query(here)
-        near[s] = (gap <= spacing) & ((here**2).sum(axis=1) <= 1.0)
-    return near
+    return np.array([near_points(here, chosen, spacing) for here, chosen in zip(x, lit, strict=True)])
 
 
-def _cutting(clearance: Array, fit: Fit, x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]:
-    """(K,) which clearances can reach zero within two sample spacings of the lit samples (x at the middle sigma)."""
-    step = 1e-4
-    cut = np.zeros(clearance.shape[0], bool)
-    for k, coef in enumerate(fit.coef):
-        slopes = [(at_points(coef, x + d) - at_points(coef, x - d)) / (2 * step) for d in step * np.eye(2)]
-        steepest = float(np.hypot(*slopes).max())
-        cut[k] = clearance[k][lit].min() < 2.0 * spacing * steepest + float(np.abs(fit.misfit[k]).max())
-    return cut
+def _cutting(least: Array, trial: _Trial, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
+    """(K,) which clearances can reach zero within two sample spacings of the lit samples.
 
-
-def _simplest(trials: list[_Trial], best: _Trial, target: float) -> tuple[Array, Array]:
-    """Clearances (K, n, n) and residuals (K,), each of the lowest degree that reaches ``target`` or nearly the best.
-
-    Footprints on apertures are nearly affine in the pupil, and every degree costs the boundary search a pass.
+    least (K,): their smallest value there; coef (K, n, n), x (N, 2): polynomials and points at the middle sigma.
     """
-    count = best.clearance_misfit.size
-    coef, residual = best.shape.coef[:count].copy(), best.clearance_misfit.copy()
-    for k in range(count):
-        for trial in trials:
-            if trial.n < best.n and trial.clearance_misfit[k] <= max(target, NEARLY * best.clearance_misfit[k]):
-                coef[k] = 0.0
-                coef[k, : trial.n, : trial.n] = trial.shape.coef[k]
-                residual[k] = trial.clearance_misfit[k]
-                break
-    return coef, residual
+    slopes = polynomials(coef, x)[:, 1:]
+    steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
+    cut: NDArray[np.bool_] = least < 2.0 * spacing * steepest + trial.clearance_worst
+    return cut
 
 
 def _bounded(support: Support, label: str) -> None:
     """Refuse a support that reaches the edge of the sampled domain: its boundary is not known."""
     angle = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
     rim = np.column_stack([np.cos(angle), np.sin(angle)])
-    open_rim = at_points(support.clearance, rim).min(axis=0, initial=np.inf) > 0.0
+    open_rim = polynomials(support.clearance, rim)[:, 0].min(axis=0, initial=np.inf) > 0.0
     if np.any(open_rim):
         raise MethodLimitError(
             _METHOD,
@@ -170,71 +149,118 @@ def _bounded(support: Support, label: str) -> None:
 
 @dataclass(frozen=True)
 class _Trial:
-    """The fits of one degree: path length and amplitude per wavenumber, clearances and direction at the middle."""
+    """What the fits of one degree (n terms per axis) leave over.
 
-    opl: list[Fit]
-    shape: Fit
-    clearance_misfit: Array
-    score: float
+    opl, amplitude : largest leave-one-out misfit on the support; clearance_misfit (K,) that of the clearances near
+    their zeros, and clearance_worst (K,) everywhere; score : what is compared with the target
+    """
+
     n: int
+    opl: float
+    amplitude: float
+    clearance_misfit: Array
+    clearance_worst: Array
+    score: float
 
 
-def _try_degree(
-    samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], bases: list[Basis], n: int
-) -> _Trial:
-    """Fit everything with n terms per axis; x (S, N, 2) scaled, inside/lit (S, N), one basis per wavenumber."""
-    s_count, middle = samples.sigma.size, samples.sigma.size // 2
-    fits = []
-    for s in range(s_count):
-        values = np.array([samples.opl[s] - samples.opl[s].mean(), samples.amplitude[s]])[:, inside[s]]
-        fits.append(bases[s].fit(values, n))
-    shape = bases[middle].fit(
-        np.concatenate([samples.clearance[:, middle], samples.direction[middle].T])[:, inside[middle]], n
-    )
-    clearance_misfit = _clearance_misfit(samples, x, inside, lit, shape)
-    opl, amplitude = _worst(fits, inside, lit)
-    rms = float(np.sqrt(np.mean(samples.amplitude[lit] ** 2)))
-    score = 2.0 * np.pi * samples.sigma[-1] * opl + amplitude / max(rms, 1e-300) + float(clearance_misfit.min())
-    return _Trial(fits, shape, clearance_misfit, score, n)
+class _Fits:
+    """All polynomials of a field, for growing degrees: path and amplitude per sigma, clearances, directions at one."""
+
+    def __init__(
+        self, samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], most: int
+    ) -> None:
+        """x (S, N, 2) scaled points; inside, lit (S, N); ``most`` terms per axis at most."""
+        self._samples, self._x, self._inside = samples, x, inside
+        self._middle, self._clearances = samples.sigma.size // 2, samples.clearance.shape[0]
+        count, middle = samples.sigma.size, self._middle
+        self._lit = [lit[s][inside[s]] for s in range(count)]
+        paths = [np.array([samples.opl[s] - samples.opl[s].mean(), samples.amplitude[s]]) for s in range(count)]
+        rest = np.concatenate([samples.clearance[:, middle], samples.direction[middle].T])
+        # In pupil space all wavenumbers share their points, and so one basis.
+        self._shared = all(np.array_equal(x[s], x[0]) and np.array_equal(inside[s], inside[0]) for s in range(1, count))
+        if self._shared:
+            self._groups = [Nested(x[0][inside[0]], np.concatenate([*paths, rest])[:, inside[0]], most)]
+        else:
+            self._groups = [
+                Nested(x[s][inside[s]], (np.concatenate([paths[s], rest]) if s == middle else paths[s])[:, inside[s]],
+                       most) for s in range(count)
+            ]  # fmt: skip
+        values = [samples.clearance[:, s][:, inside[s]] for s in range(count)]
+        self._values, self._edge = values, [_near_zero(v, on) for v, on in zip(values, self._lit, strict=True)]
+        self._rms = max(float(np.sqrt(np.mean(samples.amplitude[lit] ** 2))), 1e-300)
+
+    def _place(self, s: int) -> tuple[Nested, int]:
+        """The fit that holds path and amplitude of wavenumber s, and the row at which they stand."""
+        return (self._groups[0], 2 * s) if self._shared else (self._groups[s], 0)
+
+    def _rest(self) -> tuple[Nested, int]:
+        """The fit that holds clearances and directions, and the row of the first of them."""
+        group, row = self._place(self._middle)
+        return group, (2 * self._samples.sigma.size if self._shared else row + 2)
+
+    def grow(self, n: int) -> _Trial:
+        """Go on to n terms per axis."""
+        for group in self._groups:
+            group.grow(n)
+        misfits = [np.abs(group.misfit()) for group in self._groups]
+        opl = amplitude = 0.0
+        for s, lit in enumerate(self._lit):
+            misfit, row = (misfits[0], 2 * s) if self._shared else (misfits[s], 0)
+            worst = misfit[row : row + 2][:, lit].max(axis=1)
+            opl, amplitude = max(opl, float(worst[0])), max(amplitude, float(worst[1]))
+        here, row = self._rest()
+        clearance = misfits[self._groups.index(here)][row : row + self._clearances]
+        edge = self._clearance_misfit(clearance, here, row, n)
+        score = 2.0 * np.pi * float(self._samples.sigma[-1]) * opl + amplitude / self._rms + float(edge.min())
+        return _Trial(n, opl, amplitude, edge, clearance.max(axis=1), score)
+
+    def _clearance_misfit(self, own: Array, here: Nested, row: int, n: int) -> Array:
+        """(K,) largest misfit of each clearance near its zero; ``own`` (K, N): leave-one-out, at the middle sigma.
+
+        One clearance polynomial serves all wavenumbers: its change with sigma is an error of it.
+        """
+        last = row + self._clearances
+        worst = np.where(self._edge[self._middle], own, 0.0).max(axis=1)
+        for s, value in enumerate(self._values):
+            if s == self._middle:
+                continue
+            if self._shared:
+                off = value - self._values[self._middle] + here.residual[row:last]
+            else:
+                points = self._x[s][self._inside[s]]
+                off = value - polynomials(here.coefficients(slice(row, last), n), points)[:, 0]
+            worst = np.maximum(worst, np.where(self._edge[s], np.abs(off), 0.0).max(axis=1))
+        return worst
+
+    def paths(self, n: int) -> tuple[Array, Array]:
+        """Path length (S, n, n), without its mean over the samples, and amplitude (S, n, n)."""
+        places = [self._place(s) for s in range(self._samples.sigma.size)]
+        both = np.array([group.coefficients(slice(row, row + 2), n) for group, row in places])
+        return both[:, 0], both[:, 1]
+
+    def clearances(self, n: int) -> Array:
+        """(K, n, n) clearances at the middle sigma."""
+        group, row = self._rest()
+        return group.coefficients(slice(row, row + self._clearances), n)
+
+    def directions(self, n: int) -> Array:
+        """(2, n, n) direction cosines at the middle sigma."""
+        group, row = self._rest()
+        return group.coefficients(slice(row + self._clearances, row + self._clearances + 2), n)
 
 
-def _clearance_misfit(
-    samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], shape: Fit
-) -> Array:
-    """(K,) largest misfit of each clearance near its zero (within a quarter of its range; elsewhere it moves nothing).
+def _near_zero(value: Array, lit: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(K, N) where clearances (K, N) are within a quarter of their range from zero; elsewhere a misfit moves nothing.
 
-    One clearance polynomial serves all wavenumbers: its change with sigma is an error of it.
+    Everywhere, if that is nearly nowhere.
     """
-    middle, count = samples.sigma.size // 2, samples.clearance.shape[0]
-    worst = np.zeros(count)
-    for s in range(samples.sigma.size):
-        at = inside[s]
-        value = samples.clearance[:, s, at]
-        off = shape.misfit[:count] if s == middle else value - at_points(shape.coef[:count], x[s][at])
-        for k in range(count):
-            near = np.abs(value[k]) <= 0.25 * np.abs(value[k][lit[s][at]]).max()
-            worst[k] = max(worst[k], np.abs(off[k][near if near.sum() >= FEWEST else slice(None)]).max())
-    return worst
+    near: NDArray[np.bool_] = np.abs(value) <= 0.25 * np.abs(value[:, lit]).max(axis=1, keepdims=True)
+    near[near.sum(axis=1) < FEWEST] = True
+    return near
 
 
-def _worst(fits: list[Fit], inside: NDArray[np.bool_], lit: NDArray[np.bool_]) -> tuple[float, float]:
-    """Largest leave-one-out misfit of path length and amplitude over the lit samples of all wavenumbers."""
-    worst = np.max([np.abs(f.misfit[:, lit[s][inside[s]]]).max(axis=1) for s, f in enumerate(fits)], axis=0)
-    return float(worst[0]), float(worst[1])
-
-
-def _choose(
-    samples: PupilSamples,
-    x: Array,
-    inside: NDArray[np.bool_],
-    lit: NDArray[np.bool_],
-    degree: int | None,
-    target: float,
-) -> tuple[_Trial, tuple[Array, Array]]:
-    """The first degree whose misfit is below ``target``, or the one with the least; only ``degree`` when given.
-
-    With it, the clearances and their residuals from ``_simplest``.
-    """
+def _degrees(samples: PupilSamples, inside: NDArray[np.bool_], degree: int | None) -> list[int]:
+    """The degrees to be tried: those with samples enough. Raises MethodLimitError if there is none."""
     fewest = int(inside.sum(axis=1).min())
     tried = DEGREES if degree is None else (degree,)
     allowed = [d for d in tried if (d + 1) * (d + 2) // 2 * OVERSAMPLING <= fewest]
@@ -246,19 +272,32 @@ def _choose(
             terms * OVERSAMPLING / fewest,
             "trace more rays",
         )
-    bases: list[Basis] = []
-    for s in range(samples.sigma.size):
-        # In pupil space all wavenumbers share their points, and so their basis.
-        same = s > 0 and np.array_equal(x[s], x[0]) and np.array_equal(inside[s], inside[0])
-        bases.append(bases[0] if same else Basis.at(x[s][inside[s]], allowed[-1] + 1))
-    trials = [_try_degree(samples, x, inside, lit, bases, allowed[0] + 1)]
+    return allowed
+
+
+def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Array, Array]:
+    """The first degree whose misfit is below ``target``, or the one with the least.
+
+    With it the clearances (K, n, n) and their residuals (K,), each of the lowest degree that reaches ``target`` or
+    nearly the best: footprints on apertures are nearly affine in the pupil, and every degree costs the boundary search
+    a pass.
+    """
+    trials = [fits.grow(degrees[0] + 1)]
     best = trials[0]
-    for d in allowed[1:]:
+    for d in degrees[1:]:
         if best.score < target:
             break
-        trials.append(_try_degree(samples, x, inside, lit, bases, d + 1))
+        trials.append(fits.grow(d + 1))
         best = trials[-1] if trials[-1].score < best.score else best
-    return best, _simplest(trials, best, target)
+    coef, residual = fits.clearances(best.n), best.clearance_misfit.copy()
+    for k in range(len(coef)):
+        enough = max(target, NEARLY * float(best.clearance_misfit[k]))
+        simple = next((t for t in trials if t.n < best.n and t.clearance_misfit[k] <= enough), None)
+        if simple is not None:
+            coef[k] = 0.0
+            coef[k, : simple.n, : simple.n] = fits.clearances(simple.n)[k]
+            residual[k] = simple.clearance_misfit[k]
+    return best, coef, residual
 
 
 def fit_field(samples: PupilSamples, degree: int | None = None, target: float = TARGET) -> PupilField:
@@ -284,17 +323,17 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     centre, scale, spacing = _domain(samples, lit)
     x = (samples.u - centre) / scale
     inside = _near(x, lit, spacing)
-    trial, (simple, residual) = _choose(samples, x, inside, lit, degree, target)
-    middle, clearances = samples.sigma.size // 2, samples.clearance.shape[0]
-    shape = Fit(trial.shape.coef[:clearances], trial.shape.misfit[:clearances])
-    cut = _cutting(samples.clearance, shape, x[middle][lit[middle]], lit, spacing)
+    degrees = _degrees(samples, inside, degree)
+    fits = _Fits(samples, x, inside, lit, degrees[-1] + 1)
+    trial, simple, residual = _choose(fits, degrees, target)
+    middle = samples.sigma.size // 2
+    least = samples.clearance[:, lit].min(axis=1)
+    cut = _cutting(least, trial, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
     support = Support(centre, scale, simple[cut], residual[cut])
     _bounded(support, samples.label)
-    opl = np.array([f.coef[0] for f in trial.opl])
+    opl, amplitude = fits.paths(trial.n)
     opl[:, 0, 0] += samples.opl.mean(axis=1)
-    amplitude = np.array([f.coef[1] for f in trial.opl])
-    opl_residual, amplitude_residual = _worst(trial.opl, inside, lit)
-    gram, error = _power(support, amplitude, amplitude_residual, samples.label, POWER_SHARE * target)
+    gram, error = _power(support, amplitude, trial.amplitude, samples.label, POWER_SHARE * target)
     return PupilField(
         samples.label,
         samples.space,
@@ -302,13 +341,13 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
         support,
         opl,
         amplitude,
-        trial.shape.coef[clearances:],
+        fits.directions(trial.n),
         samples.phase,
         samples.reference_point,
         gram,
         error,
-        opl_residual,
-        amplitude_residual,
+        trial.opl,
+        trial.amplitude,
         trial.n - 1,
     )
 

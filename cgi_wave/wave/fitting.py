@@ -2,40 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from cgi_wave.kernels import pupil
-from cgi_wave.wave.basis import Array, total_degree_terms, vandermonde
+from cgi_wave.kernels import fit
+from cgi_wave.wave.basis import Array
 
 OVERSAMPLING = 1.4  # samples per polynomial term that a fit asks for
+_FREE = 1e-6  # a sample is never taken to decide its own value more than up to this
 
 
-@dataclass(frozen=True)
-class Fit:
-    """Chebyshev coefficients (Q, n, n) of Q quantities and the leave-one-out misfit (Q, N) at the samples."""
+class Nested:
+    """Fits of values (Q, N) at scaled points (N, 2) by Chebyshev products of total degree below n, for growing n.
 
-    coef: Array
-    misfit: Array
+    Each degree costs what it adds to the one before. ``n`` is the present one, 0 at first.
+    """
+
+    def __init__(self, x: Array, values: Array, most: int) -> None:
+        """For total degrees below ``most`` at most."""
+        self.n = 0
+        self._q = fit.chebyshev_rows(np.ascontiguousarray(x), most)
+        terms = len(self._q)
+        self._r = np.zeros((terms, terms))
+        self._along = np.zeros((len(values), terms))
+        self.residual = np.array(values, dtype=np.float64, order="C")
+        self._share = np.ones(len(x))
+
+    def grow(self, n: int) -> None:
+        """Go on to total degrees below n."""
+        first, last = (k * (k + 1) // 2 for k in (self.n, n))
+        fit.orthonormalise(self._q, self._r, first, last)
+        fit.project(self._q, first, last, self.residual, self._share, self._along)
+        self.n = n
+
+    def misfit(self) -> Array:
+        """(Q, N) leave-one-out misfits, by the hat matrix."""
+        return self.residual / np.maximum(self._share, _FREE)
+
+    def coefficients(self, rows: slice, n: int) -> Array:
+        """(Q', n, n) Chebyshev coefficients of some of the values, for total degrees below n (the present or lower)."""
+        solution: Array = fit.solve(self._r, self._along[rows], n)
+        return solution
 
 
-@dataclass(frozen=True)
-class Basis:
-    """Chebyshev products at the points of a fit, orthonormalised with the lowest degree first."""
-
-    q: Array
-    r: Array
-
-    @staticmethod
-    def at(x: Array, n: int) -> Basis:
-        """For scaled points x (N, 2) and total degrees below n."""
-        return Basis(*pupil.orthonormalise(np.ascontiguousarray(vandermonde(x, n).T)))
-
-    def fit(self, values: Array, n: int) -> Fit:
-        """Least squares of values (Q, N) with total degrees below n; misfits by the hat matrix."""
-        i, j = total_degree_terms(n)
-        solution, misfit = pupil.least_squares(self.q[: i.size], self.r[: i.size, : i.size], values)
-        coef = np.zeros((values.shape[0], n, n))
-        coef[:, i, j] = solution
-        return Fit(coef, misfit)
+def polynomials(coef: Array, x: Array) -> Array:
+    """Values and both derivatives (K, 3, N) of Chebyshev products coef (K, n, n) at scaled points x (N, 2)."""
+    values: Array = fit.polynomials(np.ascontiguousarray(coef), np.ascontiguousarray(x))
+    return values

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cgi_wave.errors import FoldedFieldError, MethodLimitError
-from cgi_wave.wave.basis import Array, at_points
-from cgi_wave.wave.fitting import OVERSAMPLING, Basis
+from cgi_wave.wave.basis import Array
+from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
 
 COLLAPSE_LIMIT = 20.0  # least Fresnel number for which a direction-space field is a field of rays
 _METHOD = "map to direction cosines"
@@ -27,10 +27,10 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
     x, n = (p - centre) / half, degree + 1
     if (degree + 1) * (degree + 2) / 2 * OVERSAMPLING > len(p):
         raise MethodLimitError(_METHOD, f"{label}: {len(p)} rays for a map of degree {degree}", 1.0, "trace more rays")
-    fit = Basis.at(x, n).fit(np.ascontiguousarray(q.T), n)
-    step = 1e-4
-    along = [(at_points(fit.coef, x + d) - at_points(fit.coef, x - d)) / (2 * step * half) for d in step * np.eye(2)]
-    det: Array = along[0][0] * along[1][1] - along[0][1] * along[1][0]
+    fit = Nested(x, q.T, n)
+    fit.grow(n)
+    by_x, by_y = polynomials(fit.coefficients(slice(0, 2), n), x)[:, 1:].transpose(1, 0, 2) / half
+    det: Array = by_x[0] * by_y[1] - by_x[1] * by_y[0]
     radius = float(np.sqrt(2.0 * ((p - centre) ** 2).sum(axis=1).mean()))
     fresnel = sigma * radius**2 * np.sqrt(np.abs(det))
     if fresnel.min() < COLLAPSE_LIMIT and np.all(det * det[0] > 0.0):
@@ -45,7 +45,7 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
             f"{label}: det ∂q/∂p changes sign over the pupil ({share:.1%} of the rays lie beyond the fold); "
             "use the position-space field"
         )
-    misfit = float(np.abs(fit.misfit).max() / max(float(np.ptp(q, axis=0).max()), 1e-300))
+    misfit = float(np.abs(fit.misfit()).max() / max(float(np.ptp(q, axis=0).max()), 1e-300))
     if misfit > 0.01:
         raise MethodLimitError(
             _METHOD,

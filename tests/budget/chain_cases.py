@@ -5,7 +5,7 @@ wave part goes into them.
 """
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import quad
@@ -18,7 +18,8 @@ from cgi_wave.fringes.chebyshev import interpolation_matrix
 from cgi_wave.fringes.nma import Retrieval, retrieve
 from cgi_wave.fringes.psi import Psi, synthesise
 from cgi_wave.optics.system import Instrument, OpticalSystem, from_document
-from cgi_wave.rays.beams import disc, nominal_direction, rays_to_point
+from cgi_wave.rays.beams import nominal_direction, rays_to_point
+from cgi_wave.rays.disc import disc
 from cgi_wave.rays.paths import Path
 from cgi_wave.rays.trace import aim, compile_sequence, jacobian, trace
 from cgi_wave.wave.field import PupilField, fit_field
@@ -61,7 +62,7 @@ class Account:
 def account(system: OpticalSystem, setting: Setting, paths, x0=None, real_light=False) -> Account:
     """Run the chain for some paths; in monochromatic light of σ0 (every closed form's), or the band's own."""
     x0 = system.field_points()[0] if x0 is None else x0
-    point = field_point(system, paths, x0, setting.support, setting.envelope, setting.nma, TOLERANCE)
+    point = field_point(replace(setting, system=system), paths, x0, TOLERANCE)
     light = (setting.spectrum.sigma, setting.weight) if real_light else (np.array([system.sigma0]), np.ones(1))
     psi = synthesise(point.coherency, *light, zone_rows(system, x0), system.pixel)
     return Account(point, psi, retrieve(psi))
@@ -166,7 +167,7 @@ def filter_face(instrument: Instrument, system: OpticalSystem, nominal: Path, pe
     rim = system.pupil_radius * (1 - 1e-9) * np.array([[0.0, 1.0], [0.0, -1.0]])
     sine = np.ptp(trace(sequence, rim, theta).direction[:, 1]) / 2
     f_number = 1.0 / (2.0 * np.tan(np.arcsin(sine)))
-    by_theta = jacobian(sequence, np.zeros((1, 2)), theta, 1e-5)
+    by_theta = jacobian(sequence, np.zeros((1, 2)), theta)
     bend = by_theta[1][0] @ np.linalg.inv(by_theta[0][0])  # how the chief ray's direction turns along the detector
     kappa = float(np.linalg.det(np.eye(2) + 2.0 * distance * bend))
     z = 2.0 * np.pi * distance / f_number / period
@@ -232,17 +233,26 @@ def fresnel(angle):
 # ------------------------------------------------------------------------------------------------ brute force
 
 
-def landing_power(system: OpticalSystem, path: Path, x0, half: float, count: int, seed=1) -> tuple[float, float]:
+def landing_power(system: OpticalSystem, path: Path, x0, half: float, count: int) -> tuple[float, float]:
     """Light of a uniform scene (radiance 1) per area of a square ±half (m) about x0, by random rays; relative error.
 
     Random pupil points and directions, counted where they land: no aiming, no Jacobian, no fit. Unit as ∫A² d²p.
     """
-    rng = np.random.default_rng(seed)
     sequence = compile_sequence(system, path, system.sigma0)
     theta, ok = aim(sequence, even_pupil(system, 300), x0, np.zeros(2))
+    # A virtual ray brings no light: where it would have to start need not be covered.
+    ok[ok] = trace(sequence, even_pupil(system, 300)[ok], theta[ok]).status == 0
     some = even_pupil(system, 300)[ok]
-    move = np.abs(np.linalg.inv(jacobian(sequence, some, theta[ok], 2e-5)[0])).sum(axis=2).max(axis=0) * half
-    low, high = theta[ok].min(axis=0) - 1.5 * move, theta[ok].max(axis=0) + 1.5 * move
+    move = np.abs(np.linalg.inv(jacobian(sequence, some, theta[ok])[0])).sum(axis=2).max(axis=0) * half
+    return landed_from(
+        system, path, x0, half, count, (theta[ok].min(axis=0) - 1.5 * move, theta[ok].max(axis=0) + 1.5 * move)
+    )
+
+
+def landed_from(system: OpticalSystem, path: Path, x0, half: float, count: int, box, seed=1) -> tuple[float, float]:
+    """``landing_power`` from directions between the two corners of ``box``."""
+    rng, (low, high) = np.random.default_rng(seed), box
+    sequence = compile_sequence(system, path, system.sigma0)
     radius, angle = system.pupil_radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
     p = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
     ray = trace(sequence, p, low + (high - low) * rng.random((count, 2)))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cgi_wave.analysis import band_setting
+from cgi_wave.budget.setting import band_setting
 from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.paths import find_paths
 

@@ -8,9 +8,10 @@ import pytest
 from chain_cases import account, contrast, face_power, family, filter_face, pupil_field, retro_power
 from small_instruments import michelson
 
-from cgi_wave.analysis import Task, analyse_field, band_setting
+from cgi_wave.analysis import Task, analyse_field
 from cgi_wave.budget.fieldpoint import field_point
 from cgi_wave.budget.select import POWER_FLOOR, select_ghosts
+from cgi_wave.budget.setting import band_setting
 from cgi_wave.fringes.nma import nma_error_exact
 from cgi_wave.optics.system import from_document
 from cgi_wave.rays.beams import nominal_direction
@@ -109,7 +110,7 @@ def test_field_point_of_a_process(nir, setting, task):
     result = analyse_field(pickle.loads(pickle.dumps(task)), 1)
     x0 = nir.field_points()[1]
     assert (result.x_m, result.y_m) == tuple(x0)
-    point = field_point(nir, task.paths, x0, setting.support, setting.envelope, setting.nma, task.tolerance)
+    point = field_point(setting, task.paths, x0, task.tolerance)
     np.testing.assert_array_equal(result.coherency.transmission, point.coherency.transmission)
     assert [(pair.m, pair.l) for pair in result.coherency.pairs] == [(p.m, p.l) for p in point.coherency.pairs]
     for pair, other in zip(result.coherency.pairs, point.coherency.pairs, strict=True):
@@ -131,11 +132,11 @@ def test_every_pair_is_computed_or_bounded(setting, task, nir):
 
 def test_selection_keeps_power_and_amplitude(nir, setting, paths):
     """Nominal paths, every ghost above the power floor, and weaker ones only while their amplitude can matter."""
-    kept = select_ghosts(nir, paths, setting.envelope, setting.nma, 1e-4)
+    kept = select_ghosts(setting, paths, 1e-4)
     assert kept[:2] == tuple(paths[:2])
     strong = [path for path in paths if path.order > 0 and path.estimate > POWER_FLOOR]
     weak = [path for path in kept[2:] if path.estimate <= POWER_FLOOR]
     assert set(strong) <= set(kept) and len(kept) == 2 + len(strong) + len(weak)
     reach = np.sqrt([path.estimate / paths[0].estimate for path in weak]) / setting.nma
     assert np.all(reach > 1e-4)
-    assert len(select_ghosts(nir, paths, setting.envelope, setting.nma, 1e-2)) <= len(kept)
+    assert len(select_ghosts(setting, paths, 1e-2)) <= len(kept)

@@ -12,6 +12,7 @@ from chain_cases import (
     family,
     filter_at,
     filter_face,
+    landed_from,
     landing_power,
     pupil_field,
     retro_power,
@@ -19,7 +20,7 @@ from chain_cases import (
 )
 
 from cgi_wave.fringes.nma import nma_error_exact
-from cgi_wave.rays.beams import nominal_direction, spot
+from cgi_wave.rays.beams import nominal_direction, rays_to_point, spot
 from cgi_wave.rays.trace import compile_sequence, trace
 from cgi_wave.scene.coherence import coherence
 from cgi_wave.scene.filters import Filter
@@ -179,6 +180,25 @@ def test_power_at_a_point_is_what_lands_there(nir, paths, label, half):
     landed, relative = landing_power(nir, path, x0, half, 200_000)
     assert relative < 0.05
     assert power(field)[0][0] == pytest.approx(landed, rel=4 * relative)
+
+
+@pytest.mark.parametrize("field", range(5))
+@pytest.mark.parametrize("arms", ["1-2", "2-2"])
+def test_a_ghost_that_images_the_pupil_is_found(nir, paths, arms, field):
+    """Off the front of L3 the pupil lies nearly on the detector: a hundredth of it or less feeds a point.
+
+    The light that lands is a quarter of a thousandth of the nominal beams, over the whole detector.
+    """
+    path = next(path for path in paths if path.label == f"L3_front:r arms {arms}")
+    x0 = nir.field_points()[field]
+    rays = rays_to_point(nir, path, x0, np.array([nir.sigma0]), nominal_direction(nir, paths[0], x0))
+    lit = (rays.clearance[:, 0] > 0).all(axis=0)
+    assert np.ptp(rays.pupil[0][lit], axis=0).max() < 0.3 * nir.pupil_radius
+    corner = 1.2 * np.sin(np.radians(np.array(nir.document.entrance.half_field_deg)))
+    light, relative = landed_from(nir, path, x0, 1e-3, 200_000, (-corner, corner))
+    power, error = rays.power()
+    assert relative < 0.05
+    assert abs(power - light) < error + 3 * relative * light
 
 
 def test_transmission_is_relative_to_the_input(nir, paths, retro):

@@ -5,7 +5,7 @@ import pytest
 
 from cgi_wave.budget.plan import baseline_bound, modulation_bound, plan_pairs
 from cgi_wave.errors import InputError
-from cgi_wave.fringes.coherency import Coherency, Pair
+from cgi_wave.fringes.coherency import Coherency, LeftOutPairs, Pair
 from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.psi import synthesise
 from cgi_wave.scene.coherence import coherence_envelope
@@ -43,13 +43,13 @@ def planned(tolerance, cross_family=True):
                       cross_family)  # fmt: skip
 
 
-def coherency(pairs, left_out=()):
+def coherency(pairs, left_out=None):
     t, family, opd, slope, gamma = scene()
     at, zero = np.array([SIGMA0]), np.zeros(1)
     return Coherency(
         tuple(map(str, range(len(t)))), family, (family > 0).astype(int), t,
         tuple(Pair(m, l, at, gamma[m, l] + 0j * at, zero, opd[m, l] + zero, slope[m, l], "") for m, l in pairs),  # noqa: E741
-        tuple(left_out),
+        left_out or LeftOutPairs.of(()),
     )  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def test_bounds_are_the_formulae():
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-3, 1e-2])
 def test_every_pair_is_kept_or_left_out_with_its_bound(tolerance):
     plan = planned(tolerance)
-    pairs = [(p.m, p.l) for p in plan.kept + plan.skipped]
+    pairs = [(p.m, p.l) for p in (*plan.kept, *plan.skipped)]
     assert len(set(pairs)) == len(pairs) == 11 * 10 // 2
     assert {(p.m, p.l) for p in plan.skipped} == {(out.m, out.l) for out in plan.left_out}
     assert all(p.modulation > tolerance for p in plan.kept if p.kind != "nominal")
@@ -82,7 +82,7 @@ def test_what_was_left_out_stays_below_its_bound(tolerance):
     that happen to agree may exceed it, here by less than twice.
     """
     plan = planned(tolerance)
-    everything = [(p.m, p.l) for p in plan.kept + plan.skipped]
+    everything = [(p.m, p.l) for p in (*plan.kept, *plan.skipped)]
     full = retrieve(synthesise(coherency(everything), SIGMA, WEIGHT, ROWS)).coherent
     short = retrieve(
         synthesise(coherency([(p.m, p.l) for p in plan.kept], plan.left_out), SIGMA, WEIGHT, ROWS)

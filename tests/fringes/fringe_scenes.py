@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cgi_wave.fringes.coherency import Coherency, LeftOut, Pair
+from cgi_wave.fringes.coherency import Coherency, LeftOut, LeftOutPairs, Pair
 
 SIGMA0 = 1.0 / 0.764e-6
 PERIOD = 0.675e-3  # fringe period on the detector, m
@@ -24,7 +24,7 @@ def coherency(transmission, family, pairs, left_out=()):
     family = np.array(family)
     labels = tuple(f"beam {i}" for i in range(len(family)))
     t = np.array(transmission, dtype=float)
-    return Coherency(labels, family, (family > 0).astype(int), t, tuple(pairs), tuple(left_out))
+    return Coherency(labels, family, (family > 0).astype(int), t, tuple(pairs), LeftOutPairs.of(left_out))
 
 
 def lossless_splitter(reflectance=0.5):

@@ -1,5 +1,6 @@
 """Beams: power as étendue, Jacobians, caustics and their phase, slopes of the path difference, spots, clearances."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from small_instruments import build, detector, frame, michelson, published, singlet, surface
 
 from cgi_wave.errors import EmptyBeamError
-from cgi_wave.rays.beams import disc, monomials, nominal_direction, rays_from_direction, rays_to_point, spot
+from cgi_wave.rays.beams import nominal_direction, rays_from_direction, rays_to_point, spot
+from cgi_wave.rays.disc import disc, monomials
 from cgi_wave.rays.paths import find_paths, parse_path
 from cgi_wave.rays.trace import aim, caustics, compile_sequence, trace
 
@@ -389,3 +391,18 @@ def test_nominal_direction_points_at_the_detector_point():
     theta = nominal_direction(system, path, x0)
     end = trace(compile_sequence(system, path, system.sigma0), np.zeros((1, 2)), theta)
     np.testing.assert_allclose(end.x[0], x0, atol=1e-10)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.7])
+def test_sheet_follows_its_rays(share):
+    """Polynomials over the pupil give back what was traced, whether all rays arrived or some."""
+    system = published("double_gauss")
+    path = find_paths(system, max_order=0)[0]
+    rays = to_point(system, path, [1e-3, -3e-3])
+    some = np.arange(rays.opl.shape[1]) < share * rays.opl.shape[1]
+    columns = {name: getattr(rays, name)[:, some] for name in ("u", "opl", "amplitude", "direction", "pupil", "x")}
+    part = replace(rays, clearance=rays.clearance[:, :, some], **columns)
+    sheet = part.sheet(np.array([system.sigma0]))
+    np.testing.assert_allclose(sheet.opl_at(part.pupil[0]), part.opl[0], atol=1e-8)
+    np.testing.assert_allclose(sheet.y_at(part.pupil[0]), part.direction[0, :, 1], atol=1e-6)
+    np.testing.assert_allclose(sheet.at(part.pupil[0])[:, 0], sheet.opl_at(part.pupil[0]), rtol=1e-14)
