@@ -369,14 +369,16 @@ def _power(
     """Gram matrix (S, S) of the amplitudes over the support and the relative error bound of the power."""
     n = region.clearance.shape[-1]
     a = expand(amplitude, support.centre, support.scale, region.pivot, region.frame, n)
-    s = len(a)
-    left, right = np.divmod(np.arange(s * s), s)
-    phase = np.zeros((s * s, n, n))
+    # Every product of two amplitudes once; the squares come with them.
+    left, right = np.triu_indices(len(a), 1) if len(a) > 1 else (np.zeros(1, int), np.zeros(1, int))
+    phase = np.zeros((len(left), n, n))
     rough = float(np.mean(at_points(amplitude[0], np.zeros((1, 2))) ** 2) * np.prod(region.frame))
     weight = np.zeros((n, n))
-    norm = np.full(s * s, max(rough, 1e-300))
+    norm = np.full(len(left), max(rough, 1e-300))
     total = integrate(region, phase, a[left], a[right], weight, norm, tol)
-    gram = 0.5 * (total.cross.reshape(s, s) + total.cross.reshape(s, s).T)
+    gram = np.empty((len(a), len(a)))
+    gram[left, right] = gram[right, left] = total.cross
+    gram[left, left], gram[right, right] = total.aa, total.bb
     least = float(np.diag(gram).min())
     if least <= 0.0:
         raise EmptyBeamError(f"{label}: the fitted support is empty")
