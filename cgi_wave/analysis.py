@@ -130,13 +130,17 @@ def analyse_bands(
         searches = [
             pool.submit(prepare_band, instrument.raw, instrument.file, n, tolerance, cross_family) for n in names
         ]
-        pending: dict[str, list[Future[FieldResult]]] = {}
+        tasks: dict[str, Task] = {}
         for name, search in zip(names, searches, strict=True):
-            task, found = search.result()
-            points = range(len(systems[name].field_points()))
-            pending[name] = [pool.submit(analyse_field, task, index) for index in points]
-            traced = len(task.paths) - 2
-            progress(f"{name}: {found - 2} ghost paths found, {traced} to be traced at {len(points)} field points")
+            tasks[name], found = search.result()
+            count, traced = len(systems[name].field_points()), len(tasks[name].paths) - 2
+            progress(f"{name}: {found - 2} ghost paths found, {traced} to be traced at {count} field points")
+        # The zones' centres first: they take longest, and the others fill up what time the last of them leaves.
+        pending: dict[str, list[Future[FieldResult]]] = {name: [] for name in names}
+        for index in range(max(len(systems[name].field_points()) for name in names)):
+            for name in names:
+                if index < len(systems[name].field_points()):
+                    pending[name].append(pool.submit(analyse_field, tasks[name], index))
         for name, futures in pending.items():
             fields = []
             for future in futures:
@@ -151,9 +155,8 @@ def analyse_bands(
 
 def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cross_family: bool) -> tuple[Task, int]:
     """Search and select the ghost paths of a band: the task of its field points, and how many paths were found."""
-    system = from_document(raw, file).band(name)
-    found = find_paths(system)
-    here = band_setting(system)
+    here = _setting(raw, file, name)
+    found = find_paths(here.system)
     paths = select_ghosts(here, found)
     return Task(raw, file, name, paths, tolerance, cross_family), len(found)
 
@@ -206,17 +209,23 @@ class Task:
     cross_family: bool
 
 
-_settings: dict[str, Setting] = {}
+_settings: dict[tuple[str, str, str], Setting] = {}
+
+
+def _setting(raw: dict[str, Any], file: str, band: str) -> Setting:
+    """The band's setting, made once in a process; those of another instrument are forgotten."""
+    instrument = from_document(raw, file)
+    key = (instrument.hash, file, band)
+    if key not in _settings:
+        if any(known[:2] != key[:2] for known in _settings):
+            _settings.clear()
+        _settings[key] = band_setting(instrument.band(band))
+    return _settings[key]
 
 
 def analyse_field(task: Task, index: int) -> FieldResult:
     """One field point of one band: beams, coherence, point-source contrasts, interferogram, M, B and NMA."""
-    instrument = from_document(task.raw, task.file)
-    key = f"{instrument.hash} {task.band}"
-    if key not in _settings:
-        _settings.clear()
-        _settings[key] = band_setting(instrument.band(task.band))
-    here = _settings[key]
+    here = _setting(task.raw, task.file, task.band)
     system = here.system
     x0 = system.field_points()[index]
     # A BLAS that starts threads of its own for 300 × 150 matrices only waits for them.
