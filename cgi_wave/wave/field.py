@@ -11,7 +11,7 @@ from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, Method
 from cgi_wave.kernels.fit import near_points
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
 from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
-from cgi_wave.wave.region import SAFETY, Region, Support, find_region, integrate
+from cgi_wave.wave.region import SAFETY, Region, Support, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
 
 DEGREES = (4, 6, 8, 10, 12, 14, 16)
@@ -333,7 +333,8 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     _bounded(support, samples.label)
     opl, amplitude = fits.paths(trial.n)
     opl[:, 0, 0] += samples.opl.mean(axis=1)
-    gram, error = _power(support, amplitude, trial.amplitude, samples.label, POWER_SHARE * target)
+    region = _region(support, samples.u[middle][lit[middle]], spacing)
+    gram, error = _power(region, support, amplitude, trial.amplitude, samples.label, POWER_SHARE * target)
     return PupilField(
         samples.label,
         samples.space,
@@ -352,11 +353,20 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     )
 
 
-def _power(support: Support, amplitude: Array, residual: float, label: str, tol: float) -> tuple[Array, float]:
+def _region(support: Support, u: Array, spacing: float) -> Region:
+    """The support as a region in a frame about its lit samples u (N, 2), which show where it is."""
+    pivot = u.mean(axis=0)
+    frame = np.abs(u - pivot).max(axis=0) + 1.5 * spacing * support.scale
+    n = support.clearance.shape[-1]
+    clearance = expand(support.clearance, support.centre, support.scale, pivot, frame, n)
+    ellipse = np.array([[*((support.centre - pivot) / frame), *(support.scale / frame)]])
+    return Region(pivot, frame, clearance, support.residual, ellipse, (u - pivot) / frame)
+
+
+def _power(
+    region: Region, support: Support, amplitude: Array, residual: float, label: str, tol: float
+) -> tuple[Array, float]:
     """Gram matrix (S, S) of the amplitudes over the support and the relative error bound of the power."""
-    region: Region | None = find_region([support])
-    if region is None:
-        raise EmptyBeamError(f"{label}: the fitted support is empty")
     n = region.clearance.shape[-1]
     a = expand(amplitude, support.centre, support.scale, region.pivot, region.frame, n)
     s = len(a)
@@ -368,5 +378,7 @@ def _power(support: Support, amplitude: Array, residual: float, label: str, tol:
     total = integrate(region, phase, a[left], a[right], weight, norm, tol)
     gram = 0.5 * (total.cross.reshape(s, s) + total.cross.reshape(s, s).T)
     least = float(np.diag(gram).min())
+    if least <= 0.0:
+        raise EmptyBeamError(f"{label}: the fitted support is empty")
     numerical = SAFETY * float(total.change_power.max()) + total.edge
     return gram, (numerical + 2.0 * residual * np.sqrt(total.area * np.diag(gram).max())) / least
