@@ -25,7 +25,7 @@ from cgi_wave.kernels.descent import (
 from cgi_wave.kernels.polynomials import along_ray, horner, restrict, slope_at
 
 CYCLES = 3.0  # phase per Gauss panel
-SPAN_CYCLES = 2.2  # the same across the area, where the phase is less even
+SPAN_CYCLES = 2.0  # the same across the area, where the phase is less even
 PIECES = 600  # pieces of one boundary panel before another mode, or a smaller box, is tried
 DEPTH = 26  # halvings of a boundary panel
 OK, DEEP, CROWDED = 0, 1, 2
@@ -228,9 +228,11 @@ def _decay(c, d):
     groups = np.zeros(4)
     for k in range(GAUSS - 12, GAUSS):
         groups[(k - GAUSS + 12) // 3] = max(groups[(k - GAUSS + 12) // 3], math.hypot(c[k], d[k]))
-    end = groups[3]
-    if end == 0.0:
-        return 0.0, 0.0
+    end, largest = groups[3], 0.0
+    for k in range(GAUSS):
+        largest = max(largest, math.hypot(c[k], d[k]))
+    if end <= 1e-15 * largest:
+        return 0.0, 0.0  # down to rounding, which is counted with the sums
     rate = max(end / max(groups[2], 1e-300), math.sqrt(end / max(groups[1], 1e-300)))
     rate = max(rate, (end / max(groups[0], 1e-300)) ** (1.0 / 3.0))
     return end, min(rate, 1.0)

@@ -79,37 +79,45 @@ def _centre(f):
 
 
 @njit(cache=True, nogil=True)
-def _centre_term(f, a, b, w, sums, ws):
-    """Adds the stationary point's own term, ∮ C(θ) dθ over a full turn: trapezoidal rule, 16 against 32 rays.
+def _centre_term(f, a, b, w, tol, sums, ws):
+    """Adds the stationary point's own term, ∮ C(θ) dθ over a full turn: trapezoidal rule, doubled until good to tol.
 
     Returns (error, ok). C is what ∫ from the centre and E exp(i 2π f) differ by along each ray; it hangs on θ alone.
     """
-    n, m, rays = f.shape[0], a.shape[0], 32
+    n, m = f.shape[0], a.shape[0]
     fl, al, bl, wl = np.empty(n), np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0])
-    out, half, full = np.zeros(4), np.zeros(4), np.zeros(4)
-    for k in range(rays):
-        c, s = math.cos(2.0 * math.pi * k / rays), math.sin(2.0 * math.pi * k / rays)
-        along_ray(f, c, s, fl)
-        amplitudes(a, b, w, np.int64(RADIAL_MODE), c, s, al, bl, wl)
-        out[:] = 0.0
-        far = point_away(fl, 0.0, 1.0, WAVES)
-        if math.isnan(far) or not even_slope(fl, far):
-            return 0.0, False
-        if not from_far(fl, al, bl, wl, 0.0, 0.0, fl[0], out, ws):
-            return 0.0, False
+    out, before, full, error = np.zeros(4), np.zeros(4), np.zeros(4), 1e300
+    for doubling in range(6):
+        rays = 16 * 2**doubling
         for q in range(4):
-            full[q] -= out[q] * 2.0 * math.pi / rays
-            if k % 2 == 0:
-                half[q] -= out[q] * 4.0 * math.pi / rays
+            before[q] = full[q]
+            full[q] *= 0.5
+        for k in range(rays):
+            if doubling > 0 and k % 2 == 0:
+                continue  # counted in the rule before
+            c, s = math.cos(2.0 * math.pi * k / rays), math.sin(2.0 * math.pi * k / rays)
+            along_ray(f, c, s, fl)
+            amplitudes(a, b, w, np.int64(RADIAL_MODE), c, s, al, bl, wl)
+            out[:] = 0.0
+            far = point_away(fl, 0.0, 1.0, WAVES)
+            if math.isnan(far) or not even_slope(fl, far):
+                return 0.0, False
+            if not from_far(fl, al, bl, wl, 0.0, 0.0, fl[0], out, ws):
+                return 0.0, False
+            for q in range(4):
+                full[q] -= out[q] * 2.0 * math.pi / rays
+        if doubling > 0:
+            # the rule converges geometrically: twice the rays square the relative error
+            change = math.hypot(full[0] - before[0], full[1] - before[1])
+            error = min(change, 4.0 * change * change / max(math.hypot(full[0], full[1]), 1e-300))
+            if error <= tol:
+                break
     turn = np.exp(I2PI * (f[0, 0] - math.floor(f[0, 0])))
     sums[0] += full[0] * turn.real - full[1] * turn.imag
     sums[1] += full[0] * turn.imag + full[1] * turn.real
     sums[2] += full[2] * turn.real - full[3] * turn.imag
     sums[3] += full[2] * turn.imag + full[3] * turn.real
-    size = math.hypot(full[0], full[1])
-    # the rule converges geometrically: twice the rays square the relative error
-    change = math.hypot(full[0] - half[0], full[1] - half[1])
-    return min(change, 4.0 * change * change / max(size, 1e-300)), True
+    return error, True
 
 
 @njit(cache=True, nogil=True)
@@ -177,7 +185,7 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
         if status != OK:
             return False
     if mode == RADIAL_MODE and round(turned / (2.0 * math.pi)) != 0:
-        part, ok = _centre_term(lf, la, lb, lw, sums, ws)
+        part, ok = _centre_term(lf, la, lb, lw, own_tol, sums, ws)
         error += part
         if not ok:
             return False

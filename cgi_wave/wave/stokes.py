@@ -20,7 +20,7 @@ from cgi_wave.wave.basis import Array
 
 BOUNDARY_METHOD = "boundary integral, steepest descent"
 BOXES = 4000  # boxes into which a region is cut at most
-NEAR = 1e-14  # relative error of the way from a stationary point to where steepest descent begins, by Gauss panels
+NEAR = 5e-14  # relative error of the way from a stationary point to where steepest descent begins, by Gauss panels
 ROUNDING = 2.0 * 2.0 * np.pi * 2.3e-16  # rad per cycle of phase: two roundings of the phase polynomial at its full size
 FLOOR = 2e-15  # share of the integral of the amplitude below which rounding of the sums is not resolved
 SHARE = 1.0 / 16.0  # part of the tolerance that one boundary panel may take; few come near it
