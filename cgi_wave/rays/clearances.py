@@ -30,13 +30,17 @@ def limiting(clearance: Array, p: Array) -> Array:
     x, _, _ = on_disc(p)
     degree = DEGREE if len(x) >= FULL else LOW_DEGREE
     dense = (_compared(degree) @ fitted(x, clearance[:, clearance.shape[1] // 2].T, degree)).T
-    order = np.argsort(dense.min(axis=1))
+    least = dense.min(axis=1)
+    order = np.argsort(least)
     kept: list[int] = []
+    others = np.full(dense.shape[1], np.inf)
     for k in order:
-        others = dense[kept].min(axis=0) if kept else np.full(dense.shape[1], np.inf)
+        if least[k] >= LIMITING:  # nor do those that follow come near zero
+            break
         cuts = bool(((dense[k] < LIMITING) & (others > -LIMITING)).any())
         if cuts and all(np.abs(dense[k] - dense[j]).max() > SAME for j in kept):
             kept.append(int(k))
+            others = np.minimum(others, dense[k])
     for k in list(kept):
         rest = [j for j in kept if j != k]
         if rest and not ((dense[k] < LIMITING) & (dense[rest].min(axis=0) > -LIMITING)).any():
