@@ -9,10 +9,11 @@ import pytest
 from cgi_wave.wave.hopkins import HopkinsPair, contrast
 from cgi_wave.wave.overlap import overlap
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "validation"))
+sys.path.append(str(Path(__file__).parents[2] / "validation"))
 
 import eq4
 import eq4_ghosts
+import eq4_page
 import eq4_plane
 from eq4_pairs import Aberrated
 
@@ -50,7 +51,7 @@ def test_sizes_are_those_of_the_calculator():
     nominal, ghost = Aberrated(HopkinsPair(w020=2.0, w222=1.0), HopkinsPair(w020=0.5)).sizes()
     assert nominal == pytest.approx([0.5, 0.5], rel=2e-3)  # W r²: RMS slope along an axis is W
     assert ghost == pytest.approx([2.0, 3.0], rel=2e-3)
-    w040 = eq4.diffraction_aberration()
+    w040 = eq4_page.diffraction_aberration()
     width = Aberrated(ABERRATED, eq4_plane.nominal(w040)).sizes()[0]
     assert width == pytest.approx([1 / (2 * np.pi)] * 2, rel=5e-3)
 
@@ -86,7 +87,7 @@ def test_causes_by_the_nominal_spot(w040, expected):
 
 
 def test_zero_of_the_sinc_is_an_oscillation():
-    beam = eq4_plane.nominal(eq4.diffraction_aberration())
+    beam = eq4_plane.nominal(eq4_page.diffraction_aberration())
     assert eq4_plane.compare(Aberrated(HopkinsPair(beam.w020 + 5.001, beam.w040), beam)).cause == eq4_plane.BELOW
 
 
