@@ -83,7 +83,7 @@ def study(
         "ghosts": [row for rows in ghosts.values() for row in rows],
     }
     # One figure each over pairs in the estimate's range, and over all ghosts.
-    for of in ("eq4", "estimate", "from_spots"):
+    for of in ("eq4", "estimate", "from_spots", "widened"):
         part = [row for row in random if row["of"] == of and row["range"] != "all"]
         weight = np.array([row["count"] for row in part], float)
         for figure in ("within_30_percent", "within_2", "off_by_3"):
@@ -124,6 +124,7 @@ def band_figures(rows: Sequence[Row]) -> dict[str, Any]:
         "incoherent": loose,
         "spots": over("spots", good),
         "eq4_over_incoherent_median": _median([r["eq4"] / r["incoherent"] for r in good if r["incoherent"]]),
+        "spots_over_eq4_median": _median([r["spots"] / r["eq4"] for r in good if r["spots"]]),
         "incoherent_left_out": sum(row["incoherent"] is None for row in good),
         "cut_by_detector": over("eq4", [row for row in good if row["cut"]]),
         "cut_by_detector_estimate": over("estimate", [row for row in good if row["cut"]]),

@@ -38,7 +38,7 @@ def plane_table(plane: dict[str, Any]) -> list[Row]:
     eq4 = {key: plane[key] for key in plane["estimate"]}
     parts = {"Eq. 4, all": eq4, "estimate, spots together": plane["estimate"]}
     parts |= {"estimate from spots, together": plane["from_spots"]}
-    return [{"|γ| over": of, **part} for of, part in parts.items()]
+    return [{"γ modulus over": of, **part} for of, part in parts.items()]
 
 
 def band_table(found: dict[str, Any]) -> list[Row]:
@@ -50,7 +50,7 @@ def band_table(found: dict[str, Any]) -> list[Row]:
         parts |= {"estimate, spots together": figures["estimate_in_range"]}
         parts |= {"estimate from spots, together": figures["from_spots_in_range"]}
         parts |= {"incoherent overlap": figures["incoherent"], "geometric spots": figures["spots"]}
-        rows += [{"band": name, "|γ| over": of, **part} for of, part in parts.items()]
+        rows += [{"band": name, "γ modulus over": of, **part} for of, part in parts.items()]
     return rows
 
 

@@ -11,7 +11,7 @@ from eq4_pairs import Aberrated, slopes
 from numpy.typing import NDArray
 
 from cgi_wave.errors import CgiWaveError
-from cgi_wave.wave.eq4 import contrast_stationary
+from cgi_wave.wave.eq4 import contrast_eq4, contrast_stationary
 from cgi_wave.wave.hopkins import HopkinsPair
 
 Array = NDArray[np.float64]
@@ -55,13 +55,14 @@ def cause(size: float, bound: float, eq4: float, estimate: float, apart: float, 
 @dataclass(frozen=True)
 class Compared:
     """One pair: |γ| with its bound, Eq. 4 (None for a ghost that is a point), the estimate from the difference of the
-    wavefronts and that from the spots alone, the distance of the spots in units of their rim, and the cause."""
+    wavefronts and that from the spots alone, Eq. 4 with both spots widened by w in squares, the distance of the spots in units of their rim, and the cause."""
 
     size: float
     bound: float
     eq4: float | None
     estimate: float
     from_spots: float
+    widened: float
     apart: float
     cause: str
 
@@ -86,10 +87,12 @@ def compare(pair: Aberrated) -> Compared | None:
     nominal, ghost = pair.sizes()
     both = np.hypot(nominal, ghost)
     from_spots = contrast_stationary(both[0], both[1], 1.0, 1.0)
+    wide = [np.hypot(size, 1.0 / (2.0 * np.pi)) for size in (nominal, ghost)]
+    widened = contrast_eq4(wide[0][0], wide[0][1], wide[1][0], wide[1][1])
     value, bound = pair.contrast()
     eq4, size = pair.eq4(), abs(value)
     why = UNKNOWN if eq4 is None else cause(size, bound, eq4, estimate, apart)
-    return Compared(size, bound, eq4, estimate, from_spots, apart, why)
+    return Compared(size, bound, eq4, estimate, from_spots, widened, apart, why)
 
 
 def summary(ratio: Array) -> dict[str, float | int | None]:
@@ -120,7 +123,7 @@ def known(found: Sequence[Compared | None]) -> list[Compared]:
 
 
 def ratios(found: Sequence[Compared], of: str = "eq4") -> Array:
-    """|γ| over one of the three estimates."""
+    """|γ| over one of the estimates."""
     return np.array([c.size / getattr(c, of) for c in found])
 
 
@@ -214,6 +217,6 @@ def trial_rows(found: dict[str, list[Compared]]) -> list[dict[str, Any]]:
     for kind, pairs in found.items():
         near = [c for c in pairs if c.apart <= WITHIN]
         sets = [("eq4", pairs, "all"), ("eq4", near, "spots together"), ("estimate", pairs, "all"),
-                ("estimate", near, "spots together"), ("from_spots", near, "spots together")]  # fmt: skip
+                ("estimate", near, "spots together"), ("from_spots", near, "spots together"), ("widened", near, "spots together")]  # fmt: skip
         rows += [{"pairs": kind, "of": of, "range": name, **summary(ratios(part, of))} for of, part, name in sets]
     return rows
