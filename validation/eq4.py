@@ -82,12 +82,14 @@ def study(
         "bands": {name: band_figures(rows) for name, rows in ghosts.items()},
         "ghosts": [row for rows in ghosts.values() for row in rows],
     }
-    # One figure each over pairs in the estimate's range, and over all ghosts.
-    for of in ("eq4", "estimate", "from_spots", "widened"):
-        part = [row for row in random if row["of"] == of and row["range"] != "all"]
-        weight = np.array([row["count"] for row in part], float)
-        for figure in ("within_30_percent", "within_2", "off_by_3"):
-            found[f"{of}_{figure}"] = float(np.array([row[figure] for row in part], float) @ weight / weight.sum())
+    # One figure each over pairs in the estimate's range, and over those of them without a caustic.
+    for name, reach in (("", "spots together"), ("_no_caustic", "and no caustic")):
+        for of in dict.fromkeys(row["of"] for row in random if row["range"] == reach):
+            part = [row for row in random if row["of"] == of and row["range"] == reach and row["count"]]
+            weight = np.array([row["count"] for row in part], float)
+            for figure in ("within_30_percent", "within_2", "off_by_3"):
+                share = np.array([row[figure] for row in part], float) @ weight / max(weight.sum(), 1.0)
+                found[f"{of}{name}_{figure}"] = float(share)
     if out is not None:
         write(out, charts, found)
     return found

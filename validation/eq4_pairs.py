@@ -85,6 +85,13 @@ def slopes(w: Array, x: Array, y: Array) -> Array:
     return np.array([polyval2d(x, y, polyder(w, axis=a)) for a in (0, 1)])
 
 
+def folds(w: Array, x: Array, y: Array) -> bool:
+    """Whether the determinant of W's Hessian changes its sign over the points: a caustic crosses the pupil."""
+    xx, yy, xy = (polyval2d(x, y, polyder(polyder(w, i, axis=0), j, axis=1)) for i, j in ((2, 0), (0, 2), (1, 1)))
+    determinant = xx * yy - xy**2
+    return bool(determinant.min() < 0.0 < determinant.max())
+
+
 def rms(w: Array, x: Array, y: Array) -> Array:
     """(2,) RMS of the slopes about their mean over points of equal weight."""
     return np.asarray(slopes(w, x, y).std(axis=1))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from eq4_pairs import Aberrated, slopes
+from eq4_pairs import Aberrated, folds, slopes
 from numpy.typing import NDArray
 
 from cgi_wave.errors import CgiWaveError
@@ -55,7 +55,9 @@ def cause(size: float, bound: float, eq4: float, estimate: float, apart: float, 
 @dataclass(frozen=True)
 class Compared:
     """One pair: |γ| with its bound, Eq. 4 (None for a ghost that is a point), the estimate from the difference of the
-    wavefronts and that from the spots alone, Eq. 4 with both spots widened by w in squares, the distance of the spots in units of their rim, and the cause."""
+    wavefronts and that from the spots alone, Eq. 4 with both spots widened by w = λ/(2π NA) in squares, the distance
+    of the spots in units of their rim, whether a caustic (a zero of W's Hessian determinant) crosses the shared pupil,
+    and the cause."""
 
     size: float
     bound: float
@@ -64,6 +66,7 @@ class Compared:
     from_spots: float
     widened: float
     apart: float
+    caustic: bool
     cause: str
 
 
@@ -92,7 +95,7 @@ def compare(pair: Aberrated) -> Compared | None:
     value, bound = pair.contrast()
     eq4, size = pair.eq4(), abs(value)
     why = UNKNOWN if eq4 is None else cause(size, bound, eq4, estimate, apart)
-    return Compared(size, bound, eq4, estimate, from_spots, widened, apart, why)
+    return Compared(size, bound, eq4, estimate, from_spots, widened, apart, folds(pair.waves(), x, y), why)
 
 
 def summary(ratio: Array) -> dict[str, float | int | None]:
@@ -216,7 +219,10 @@ def trial_rows(found: dict[str, list[Compared]]) -> list[dict[str, Any]]:
     rows = []
     for kind, pairs in found.items():
         near = [c for c in pairs if c.apart <= WITHIN]
+        clear = [c for c in near if not c.caustic]
         sets = [("eq4", pairs, "all"), ("eq4", near, "spots together"), ("estimate", pairs, "all"),
-                ("estimate", near, "spots together"), ("from_spots", near, "spots together"), ("widened", near, "spots together")]  # fmt: skip
+                ("estimate", near, "spots together"), ("from_spots", near, "spots together"),
+                ("estimate", clear, "and no caustic"), ("from_spots", clear, "and no caustic"),
+                ("widened", near, "spots together")]  # fmt: skip
         rows += [{"pairs": kind, "of": of, "range": name, **summary(ratios(part, of))} for of, part, name in sets]
     return rows

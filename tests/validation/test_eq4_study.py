@@ -14,6 +14,7 @@ sys.path.append(str(Path(__file__).parents[2] / "validation"))
 import eq4
 import eq4_ghosts
 import eq4_page
+import eq4_pairs
 import eq4_plane
 from eq4_pairs import Aberrated
 
@@ -104,3 +105,11 @@ def test_study_without_bands(tmp_path):
     assert found["estimate_within_2"] > found["eq4_within_2"]
     assert "nan" not in (tmp_path / "eq4.md").read_text()
     assert (tmp_path / "eq4-charts.png").exists()
+
+
+def test_spherical_aberration_against_defocus_folds():
+    """2 W020 + 12 W040 r² is zero inside the pupil."""
+    x, y = eq4_pairs.annulus(0.0)
+    assert eq4_pairs.folds(HopkinsPair(w020=3.0, w040=-0.8).powers(), x, y)
+    assert not eq4_pairs.folds(HopkinsPair(w020=3.0, w040=0.8).powers(), x, y)
+    assert not eq4_pairs.folds(HopkinsPair(w020=3.0, w222=-9.0).powers(), x, y)  # a saddle everywhere
