@@ -49,9 +49,10 @@ def contrast_stationary(blur_1: float, blur_2: float, wavelength: float, apertur
     what the pupils share; they are a choice, not derived.
 
     It knows no oscillation: for defocus alone |γ| runs between 0 and twice the estimate, whose edge wave is as strong
-    as its centre. It holds for clear pupils and spots that lie on each other: with the centroids further apart than
-    twice the blur along their distance no stationary point is left, and |γ| falls far below it. Near focus it is at
-    most ``shared``. It has no error bound; how often it is off is measured by the study ``eq4`` (docs/contrast.md).
+    as its centre. It holds for clear pupils, without a caustic inside, and for spots that lie on each other: with the
+    centroids further apart than twice the blur along their distance no stationary point is left, and |γ| falls far
+    below it. Near focus it is at most ``shared``. It has no error bound; how often it is off is measured by the study
+    ``eq4`` (docs/contrast.md).
 
     Raises InputError for a blur that is negative, other sizes not positive, a share outside (0, 1], one not finite.
     """
