@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.budget.fieldpoint import FIT_TARGET, pupil_samples
-from cgi_wave.errors import CgiWaveError, EmptyBeamError
+from cgi_wave.errors import CgiWaveError, EmptyBeamError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.beams import Spot, rays_from_direction, spot
+from cgi_wave.rays.disc import NODES
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.eq4 import contrast_eq4
 from cgi_wave.wave.field import PupilField, fit_field
@@ -20,6 +21,9 @@ from cgi_wave.wave.overlap import overlap
 
 Array = NDArray[np.float64]
 
+#: Rays for the few beams whose path no polynomial through the usual number describes, and the misfit, in rad, that
+#: says so.
+MORE_RAYS, BLURRED = 1600, 1e-2
 #: Numerical error asked of a contrast in the ghost table.
 CONTRAST_TOLERANCE = 1e-5
 
@@ -58,7 +62,21 @@ def direction_field(system: OpticalSystem, path: Path, theta: Array, x0: Array) 
     Raises EmptyBeamError, FoldedFieldError (folded, or collimated at the detector), MethodLimitError.
     """
     sigma = np.array([system.sigma0])
-    rays = rays_from_direction(system, path, theta, x0, sigma)
+    try:
+        field = _field(system, path, theta, x0, sigma, NODES)
+    except MethodLimitError:
+        return _field(system, path, theta, x0, sigma, MORE_RAYS)
+    if 2.0 * np.pi * system.sigma0 * field.opl_residual <= BLURRED:
+        return field
+    try:
+        finer = _field(system, path, theta, x0, sigma, MORE_RAYS)
+    except CgiWaveError:  # a map at the edge of what has a field: more rays find its worst place, and no better field
+        return field
+    return finer if finer.opl_residual < field.opl_residual else field
+
+
+def _field(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigma: Array, count: int) -> PupilField:
+    rays = rays_from_direction(system, path, theta, x0, sigma, count)
     lit = (rays.clearance[:, 0] > 0).all(axis=0)
     if lit.sum() >= 60:
         check_map(rays.pupil[0][lit], rays.u[0][lit], system.sigma0, path.label)

@@ -179,8 +179,10 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     return _stack(parts, system.pupil_radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
 
 
-def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array) -> Rays:
-    """Rays of ``path`` from one source direction; phases about the detector point ``x0``.
+def rays_from_direction(
+    system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array, count: int = NODES
+) -> Rays:
+    """Rays of ``path`` from one source direction; phases about the detector point ``x0``; ``count`` of them.
 
     Â(q) has amplitude |∂p/∂q|^½. Raises EmptyBeamError if no ray arrives.
     """
@@ -189,7 +191,7 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
     radius = system.pupil_radius
     centre, half = np.zeros(2), radius * OVER
     for last in (False, False, False, True):
-        p = centre + half * disc(NODES)
+        p = centre + half * disc(count)
         found = trace_with_derivatives(sequence, p, theta, "p")
         traced = found.traced
         inside = traced.passes & ((p**2).sum(axis=1) < radius**2)
@@ -197,9 +199,9 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
             raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, traced)}")
         if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
-        centre, half = bounding_disc(p[inside], half, NODES)
+        centre, half = bounding_disc(p[inside], half, count)
     keep = traced.valid
-    even = (np.arange(NODES) < NODES - RING)[keep]
+    even = (np.arange(count) < count - rim(count))[keep]
     nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
     curvature = found.dq[keep][nearest] @ np.linalg.inv(found.dx[keep][nearest])
     p = p[keep]
@@ -219,7 +221,7 @@ def rays_from_direction(system: OpticalSystem, path: Path, theta: Array, x0: Arr
     # From position to direction by stationary phase: exp(iπ/4 · signature of ∂q/∂x).
     signature = np.sign(np.linalg.eigvals(curvature).real).sum()
     phase = sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
-    return _stack(parts, radius, phase, even, half)
+    return _stack(parts, radius, phase, even, half, count)
 
 
 def _det(matrices: Array) -> Array:
@@ -228,10 +230,10 @@ def _det(matrices: Array) -> Array:
     return value
 
 
-def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float) -> Rays:
+def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES) -> Rays:
     u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
-    cell = float(np.pi * (EVEN * half) ** 2 / (NODES - RING))
+    cell = float(np.pi * (EVEN * half) ** 2 / (count - rim(count)))
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
     near = clearance.min(axis=(1, 2)) < COMFORTABLE
     near[0] = True

@@ -13,11 +13,14 @@ import numpy as np
 
 from cgi_wave.errors import MethodLimitError
 from cgi_wave.kernels import stokes
+from cgi_wave.kernels.circles import circle_region
+from cgi_wave.kernels.descent import GAUSS
+from cgi_wave.kernels.polynomials import affine
 from cgi_wave.wave.basis import Array
 
 BOUNDARY_METHOD = "boundary integral, steepest descent"
 BOXES = 4000  # boxes into which a region is cut at most
-NEAR = 1e-14  # relative error of the way from a stationary point to where steepest descent begins, by Gauss panels
+NEAR = 5e-14  # relative error of the way from a stationary point to where steepest descent begins, by Gauss panels
 ROUNDING = 2.0 * 2.0 * np.pi * 2.3e-16  # rad per cycle of phase: two roundings of the phase polynomial at its full size
 FLOOR = 2e-15  # share of the integral of the amplitude below which rounding of the sums is not resolved
 SHARE = 1.0 / 16.0  # part of the tolerance that one boundary panel may take; few come near it
@@ -63,9 +66,9 @@ def circular_pair(phase: Array, shift: tuple[float, float], obscuration: float, 
     circles = [(0.0, 0.0, 1.0), (0.0, 0.0, obscuration), (*shift, 1.0), (*shift, obscuration)]
     kept = [c for c in circles[: 2 if shift == (0.0, 0.0) else 4] if c[2] > 0.0]
     signs = np.array([1.0 if c[2] == 1.0 else -1.0 for c in kept])
-    panels = np.empty((_ARCS, 2, stokes.GAUSS))
-    used = stokes.circle_region(np.array(kept), signs, panels)
-    centred = stokes.affine(phase, -shift[0], -shift[1], 1.0, 0.0, 0.0, 1.0)
+    panels = np.empty((_ARCS, 2, GAUSS))
+    used = circle_region(np.array(kept), signs, panels)
+    centred = affine(phase, -shift[0], -shift[1], 1.0, 0.0, 0.0, 1.0)
     return _refined(lambda share: stokes.integrate(panels[:used], centred, _ONE, _ONE, NO_FACTOR, share, BOXES), tol)
 
 

@@ -8,6 +8,9 @@ from scipy.special import erfc, j1
 
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.kernels import stokes
+from cgi_wave.kernels.circles import circle_region
+from cgi_wave.kernels.descent import GAUSS, descent
+from cgi_wave.kernels.polynomials import affine, bernstein, bernstein_matrix
 from cgi_wave.wave.hopkins import HopkinsPair, contrast
 from cgi_wave.wave.overlap import overlap
 from cgi_wave.wave.stokes import BOUNDARY_METHOD, boundary_integral
@@ -17,8 +20,8 @@ NONE, ONE = np.empty((0, 0)), np.ones((1, 1))
 
 def circles(*rings):
     """Panels of the region inside the discs and outside the holes: (x, y, radius, sign)."""
-    panels = np.empty((128, 2, stokes.GAUSS))
-    used = stokes.circle_region(np.array([r[:3] for r in rings], float), np.array([r[3] for r in rings], float), panels)
+    panels = np.empty((128, 2, GAUSS))
+    used = circle_region(np.array([r[:3] for r in rings], float), np.array([r[3] for r in rings], float), panels)
     return panels[:used]
 
 
@@ -121,7 +124,7 @@ def test_steepest_descent_is_the_complementary_error_function():
     line, one = np.array([0.0, 0.0, w, 0.0]), np.array([1.0, 0.0])
     a = np.sqrt(-2j * np.pi * w)
     for x in (0.7, 0.9, 1.3, -0.8):
-        value, _, ok = stokes._descent(line, one, one, np.empty(0), x, ws)
+        value, _, ok = descent(line, one, one, np.empty(0), x, ws)
         side = 1.0 if x > 0 else -1.0
         exact = -side * np.sqrt(np.pi) / (2 * a) * erfc(a * abs(x)) * np.exp(-2j * np.pi * w * x * x)
         assert ok
@@ -130,13 +133,13 @@ def test_steepest_descent_is_the_complementary_error_function():
 
 def test_too_near_a_saddle_steepest_descent_says_so():
     line, one = np.array([0.0, 0.0, 9.0, 0.0]), np.array([1.0, 0.0])
-    assert not stokes._descent(line, one, one, np.empty(0), 0.2, np.zeros((21, 64)))[2]
+    assert not descent(line, one, one, np.empty(0), 0.2, np.zeros((21, 64)))[2]
 
 
 def test_amplitudes_and_a_further_factor():
     # rectangle [-1, 1] x [-0.5, 0.5]: everything factorises into one-dimensional integrals
     def edge(x0, y0, x1, y1):
-        out = np.zeros((2, stokes.GAUSS))
+        out = np.zeros((2, GAUSS))
         out[:, 0], out[:, 1] = (0.5 * (x0 + x1), 0.5 * (y0 + y1)), (0.5 * (x1 - x0), 0.5 * (y1 - y0))
         return out
 
@@ -176,12 +179,12 @@ def test_affine_substitution_and_bernstein_bounds():
     rng = np.random.default_rng(2)
     n = 7
     coef = np.where(np.add.outer(np.arange(n), np.arange(n)) < n, rng.normal(size=(n, n)), 0.0)
-    moved = stokes.affine(coef, 0.2, -0.4, 0.7, -0.3, 0.5, 0.6)
+    moved = affine(coef, 0.2, -0.4, 0.7, -0.3, 0.5, 0.6)
     u, v = rng.uniform(-1, 1, (2, 40))
     x, y = 0.2 + 0.7 * u - 0.3 * v, -0.4 + 0.5 * u + 0.6 * v
     value = np.polynomial.polynomial.polyval2d(x, y, coef)
     assert np.polynomial.polynomial.polyval2d(u, v, moved) == pytest.approx(value, abs=1e-12)
-    low, high = stokes._bernstein(moved, 1.0, 1.0, stokes._bernstein_matrix(n))
+    low, high = bernstein(moved, 1.0, 1.0, bernstein_matrix(n))
     assert low <= value.min()
     assert high >= value.max()
     assert high - low < 6 * np.ptp(value)

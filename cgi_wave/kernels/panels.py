@@ -1,0 +1,399 @@
+"""One boundary panel of ``kernels.stokes``: amplitudes at nodes, pieces that resolve them, and what that leaves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from cgi_wave.kernels.descent import (
+    FAST,
+    GAUSS,
+    I2PI,
+    W16,
+    WAVES,
+    X16,
+    add_span,
+    descent,
+    from_far,
+    half_turn,
+    stationary_point,
+    stationary_term,
+    steepest_slope,
+)
+from cgi_wave.kernels.polynomials import along_ray, horner, restrict, slope_at
+
+CYCLES = 3.0  # phase per Gauss panel
+SPAN_CYCLES = 2.0  # the same across the area, where the phase is less even
+PIECES = 600  # pieces of one boundary panel before another mode, or a smaller box, is tried
+DEPTH = 26  # halvings of a boundary panel
+OK, DEEP, CROWDED = 0, 1, 2
+DIRECT_MODE, RADIAL_MODE, SADDLE_MODE, SLOPE_MODE, CURVE_MODE = 0, 1, 2, 3, 4
+NEAR, RIGHT, LEFT = 0, 1, -1
+
+TO_CHEBYSHEV = np.linalg.inv(np.polynomial.chebyshev.chebvander(X16, GAUSS - 1))
+TO_POWERS = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
+for _k in range(GAUSS):
+    TO_POWERS[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
+
+
+@njit(cache=True, nogil=True)
+def even_slope(fl, r):
+    """Whether f'(t)/t keeps its sign on 0 < t <= r (Bernstein coefficients of one sign): one stationary point, at 0."""
+    n = fl.shape[0] - 2
+    if n < 1 or fl[2] == 0.0:
+        return False
+    power, rest = 1.0, 0.0
+    for k in range(1, n):
+        power *= r
+        rest += (k + 2) * abs(fl[k + 2]) * power
+    if rest < 1.9 * abs(fl[2]):
+        return True
+    sign = 1.0 if fl[2] > 0.0 else -1.0
+    for p in range(n):
+        # Bernstein coefficient p of degree n - 1: sum_k C(p, k) / C(n - 1, k) d_k r^k
+        total, choose, power = 2.0 * fl[2], 1.0, 1.0
+        for k in range(1, p + 1):
+            choose *= (p - k + 1.0) / (n - k)
+            power *= r
+            total += choose * (k + 2) * fl[k + 2] * power
+        if total * sign <= 0.1 * abs(fl[2]):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _classify(fl, x, bend_sign, stretch, guess):
+    """(class, distance from the stationary point in waves, the point or NaN) of x on its line."""
+    at = stationary_point(fl, -stretch, stretch, guess)
+    if math.isnan(at):
+        side = RIGHT if slope_at(fl, x) * bend_sign > 0.0 else LEFT
+        return side, 1e300, at
+    delta = abs(horner(fl, x) - horner(fl, at))
+    if delta < WAVES:
+        return NEAR, delta, at
+    return (RIGHT if x > at else LEFT), delta, at
+
+
+@njit(cache=True, nogil=True)
+def _locate(px, py, f, mode, bend_sign, stretch, lo, hi, lines, place, delta, cls):
+    """The 16 nodes of a piece of a panel: their lines and where on them they lie; False if a ray has two regimes.
+
+    lines (16, n): powers of f along the line of each node; place (16, 5): coordinate along it, y of the line, weight
+    dy (dθ for rays), stationary point, and the ray's cosine or 0.
+    """
+    half, guess = 0.5 * (hi - lo), 0.0
+    for i in range(GAUSS):
+        s = 0.5 * (lo + hi) + half * X16[i]
+        x, y, dy = horner(px, s), horner(py, s), slope_at(py, s) * half
+        if mode == RADIAL_MODE:
+            r = math.hypot(x, y)
+            if r == 0.0:
+                return False
+            along_ray(f, x / r, y / r, lines[i])
+            if not even_slope(lines[i], r):
+                return False
+            place[i, 0], place[i, 1], place[i, 2] = r, y / r, (x * dy - y * slope_at(px, s) * half) / (r * r)
+            place[i, 3], place[i, 4] = 0.0, x / r
+            delta[i] = abs(horner(lines[i], r) - lines[i, 0])
+            cls[i] = NEAR if delta[i] < WAVES else RIGHT
+            continue
+        restrict(f, y, lines[i])
+        place[i, 0], place[i, 1], place[i, 2], place[i, 3], place[i, 4] = x, y, dy, math.nan, 0.0
+        cls[i], delta[i] = RIGHT, 1e300
+        if mode == SADDLE_MODE or mode == CURVE_MODE:
+            cls[i], delta[i], place[i, 3] = _classify(lines[i], x, bend_sign, stretch, guess)
+            if not math.isnan(place[i, 3]):
+                guess = place[i, 3]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _side(place, delta, cls):
+    """(class of all 16 nodes together, whether they have one). A node within a quarter of WAVES fits both classes."""
+    nearest, furthest, right, left = 1e300, 0.0, False, False
+    for i in range(GAUSS):
+        nearest, furthest = min(nearest, delta[i]), max(furthest, delta[i])
+        inside = not math.isnan(place[i, 3]) and place[i, 0] < place[i, 3]
+        if cls[i] == LEFT or (cls[i] == NEAR and inside):
+            left = True
+        else:
+            right = True
+    if furthest <= 1.25 * WAVES:
+        return NEAR, True
+    if nearest >= 0.8 * WAVES and left != right:
+        return (LEFT if left else RIGHT), True
+    return NEAR, False
+
+
+@njit(cache=True, nogil=True)
+def _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line):
+    """Where to cut a piece whose nodes are of two classes: where the distance is about WAVES."""
+    cut, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
+    for i in range(GAUSS - 1):
+        if (delta[i] < WAVES) != (delta[i + 1] < WAVES):
+            s0, s1 = cut + half * X16[i], cut + half * X16[i + 1]
+            below, middle = delta[i] < WAVES, cut
+            for _ in range(20):
+                middle = 0.5 * (s0 + s1)
+                x, y = horner(px, middle), horner(py, middle)
+                if mode == RADIAL_MODE:
+                    r = math.hypot(x, y)
+                    along_ray(f, x / r, y / r, line)
+                    here = abs(horner(line, r) - line[0])
+                else:
+                    restrict(f, y, line)
+                    _, here, _ = _classify(line, x, bend_sign, stretch, 0.0)
+                if 0.9 * WAVES < here < 1.1 * WAVES:
+                    break
+                if (here < WAVES) == below:
+                    s0 = middle
+                else:
+                    s1 = middle
+            return middle
+    return cut
+
+
+@njit(cache=True, nogil=True)
+def amplitudes(a, b, w, mode, c, s, al, bl, wl):
+    """Amplitudes along a line at height s, or along the ray (c, s) with the r of the area element r dr dθ."""
+    al[:], bl[:] = 0.0, 0.0
+    if mode == RADIAL_MODE:
+        along_ray(a, c, s, al[1:])
+        along_ray(b, c, s, bl[:-1])
+        if wl.shape[0] > 0:
+            along_ray(w, c, s, wl)
+    else:
+        restrict(a, s, al[:-1])
+        restrict(b, s, bl[:-1])
+        if wl.shape[0] > 0:
+            restrict(w, s, wl)
+
+
+@njit(cache=True, nogil=True)
+def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
+    """Phase and amplitudes (5, 16) of Φ dy at the nodes; False where the asymptotic regime is not reached.
+
+    values: phase in cycles; Re and Im of the amplitude; the same times the further factor.
+    """
+    out = np.zeros(4)
+    for i in range(GAUSS):
+        fl, x, at = lines[i], place[i, 0], place[i, 3]
+        amplitudes(a, b, w, mode, place[i, 4], place[i, 1], al, bl, wl)
+        out[:] = 0.0
+        values[0, i] = 0.0
+        if mode == DIRECT_MODE:
+            turns = steepest_slope(fl, min(0.0, x), max(0.0, x)) * abs(x)
+            add_span(fl, al, bl, wl, 0.0, x, 1 + int(turns / SPAN_CYCLES), 0.0, out, ws)
+        elif mode == CURVE_MODE or whole == NEAR:
+            if math.isnan(at):
+                return False
+            values[0, i] = horner(fl, at)
+            if mode == CURVE_MODE:
+                ok = stationary_term(fl, al, bl, wl, at, values[0, i], out, ws)
+            else:
+                ok = from_far(fl, al, bl, wl, at, x, values[0, i], out, ws)
+            if not ok:
+                return False
+        else:
+            values[0, i] = horner(fl, x)
+            e0, e1, ok = descent(fl, al, bl, wl, x, ws)
+            if not ok:
+                return False
+            out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
+        for q in range(4):
+            values[1 + q, i] = out[q] * place[i, 2]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _series(values, cheb):
+    """Chebyshev coefficients (5, 16) of values at the Gauss nodes."""
+    for q in range(values.shape[0]):
+        for k in range(GAUSS):
+            total = 0.0
+            for i in range(GAUSS):
+                total += TO_CHEBYSHEV[k, i] * values[q, i]
+            cheb[q, k] = total
+
+
+@njit(cache=True, nogil=True)
+def _decay(c, d):
+    """(size of the last three coefficients of the pair c, d; factor per three degrees by which they fall).
+
+    The factor is the slower one of the last two steps and of the mean of three, so that one accidentally small group
+    does not look like convergence.
+    """
+    groups = np.zeros(4)
+    for k in range(GAUSS - 12, GAUSS):
+        groups[(k - GAUSS + 12) // 3] = max(groups[(k - GAUSS + 12) // 3], math.hypot(c[k], d[k]))
+    end, largest = groups[3], 0.0
+    for k in range(GAUSS):
+        largest = max(largest, math.hypot(c[k], d[k]))
+    if end <= 1e-15 * largest:
+        return 0.0, 0.0  # down to rounding, which is counted with the sums
+    rate = max(end / max(groups[2], 1e-300), math.sqrt(end / max(groups[1], 1e-300)))
+    rate = max(rate, (end / max(groups[0], 1e-300)) ** (1.0 / 3.0))
+    return end, min(rate, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _tail(c, d):
+    """What lies beyond degree 15 of a series whose coefficients go on falling as the last ones do."""
+    end, rate = _decay(c, d)
+    return 2.0 * end * rate / (1.0 - min(rate, 0.8))
+
+
+@njit(cache=True, nogil=True)
+def _gauss_tail(c, d):
+    """What 16 Gauss points miss of a function with these Chebyshev coefficients: its part beyond degree 31.
+
+    Degree 32 lies six steps of three degrees beyond the last coefficients; five of them are believed.
+    """
+    end, rate = _decay(c, d)
+    return 10.0 * end * rate**5 / (1.0 - min(rate, 0.8))
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def wave_sum(t, w, phase, re, im, turns, a, b):
+    """Sum over nodes t of w (re + i im) exp(i 2π phase), all three given as powers of t."""
+    size = t.shape[0]
+    for i in range(size):
+        turns[i], a[i], b[i] = 0.0, 0.0, 0.0
+    for k in range(phase.shape[0] - 1, -1, -1):
+        p, q, r = phase[k], re[k], im[k]
+        for i in range(size):
+            turns[i] = turns[i] * t[i] + p
+            a[i] = a[i] * t[i] + q
+            b[i] = b[i] * t[i] + r
+    real, imag = 0.0, 0.0
+    for i in range(size):
+        sine, cosine = half_turn((turns[i] - math.floor(turns[i] + 0.5)) * math.pi)
+        co, si = (1.0 - 2.0 * sine * sine) * w[i], 2.0 * sine * cosine * w[i]
+        real += a[i] * co - b[i] * si
+        imag += a[i] * si + b[i] * co
+    return real, imag
+
+
+@njit(cache=True, nogil=True)
+def _add(values, cheb, power, pieces, sums, ws):
+    """Adds the integral over one piece: amplitude times exp(i 2π phase), interpolated where the phase asks for it."""
+    if pieces == 1:
+        for i in range(GAUSS):
+            turn = np.exp(I2PI * (values[0, i] - math.floor(values[0, i])))
+            co, si = turn.real * W16[i], turn.imag * W16[i]
+            sums[0] += values[1, i] * co - values[2, i] * si
+            sums[1] += values[1, i] * si + values[2, i] * co
+            sums[2] += values[3, i] * co - values[4, i] * si
+            sums[3] += values[3, i] * si + values[4, i] * co
+        return
+    used, further = 1, 0.0
+    for q in range(5):
+        size = 0.0
+        for k in range(GAUSS):
+            size = max(size, abs(cheb[q, k]))
+        for k in range(GAUSS):
+            if abs(cheb[q, k]) > 1e-17 * size:
+                used = max(used, k + 1)
+        if q > 2:
+            further = max(further, size)
+    for q in range(5):
+        for k in range(used):
+            total = 0.0
+            for j in range(k, used):
+                total += TO_POWERS[k, j] * cheb[q, j]
+            power[q, k] = total
+    t, wt, turns, are, aim = ws[16], ws[17], ws[18], ws[19], ws[20]
+    count, longest = 0, ws.shape[1]
+    for p in range(pieces):
+        for g in range(GAUSS):
+            t[count] = -1.0 + (2.0 * p + 1.0 + X16[g]) / pieces
+            wt[count] = W16[g] / pieces
+            count += 1
+        if count == longest or p == pieces - 1:
+            for channel in range(2 if further > 0.0 else 1):
+                re, im = wave_sum(t[:count], wt[:count], power[0, :used], power[1 + 2 * channel, :used],
+                               power[2 + 2 * channel, :used], turns, are, aim)  # fmt: skip
+                sums[2 * channel] += re
+                sums[2 * channel + 1] += im
+            count = 0
+
+
+@njit(cache=True, nogil=True)
+def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans_used, ws):
+    """Adds ∮ Φ dy over one boundary panel to sums; returns (error, nodes, spans used, status).
+
+    sums (6,): Re, Im of the integral, the same with the further factor, ∫|amplitude|, largest |phase|. spans collects
+    the (y from, y to) of the parts that lie beyond the stationary point. status OK, DEEP (not resolved: another
+    mode, or a smaller box, has to be tried) or CROWDED.
+    """
+    n, m = f.shape[0], a.shape[0]
+    al, bl, wl, line = np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0]), np.empty(n)
+    ends, level = np.empty((DEPTH + 4, 2)), np.empty(DEPTH + 4, np.int64)
+    ends[0, 0], ends[0, 1], level[0] = -1.0, 1.0, 0
+    top, error, nodes = 1, 0.0, 0
+    lines, place = np.empty((GAUSS, n)), np.empty((GAUSS, 5))
+    cls, delta = np.empty(GAUSS, np.int64), np.empty(GAUSS)
+    values, cheb, power = np.empty((5, GAUSS)), np.empty((5, GAUSS)), np.empty((5, GAUSS))
+    wave, wave_cheb, pieces_used = np.empty((2, GAUSS)), np.empty((2, GAUSS)), 0
+    while top > 0:
+        pieces_used += 1
+        if pieces_used > PIECES:
+            return error, nodes, spans_used, DEEP
+        top -= 1
+        lo, hi, depth = ends[top, 0], ends[top, 1], level[top]
+        if not _locate(px, py, f, mode, bend_sign, stretch, lo, hi, lines, place, delta, cls):
+            return error, nodes, spans_used, DEEP
+        whole, one = RIGHT, True
+        if mode == SADDLE_MODE or mode == RADIAL_MODE:
+            whole, one = _side(place, delta, cls)
+        cut = math.nan
+        nodes += GAUSS
+        ws[15, 0] = 0.0
+        if not one:
+            cut = _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line)
+        elif not _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
+            # nodes that reach neither regime: only a smaller part of the boundary may
+            if mode == CURVE_MODE or hi - lo < 1e-3:
+                return error, nodes, spans_used, DEEP
+            cut = 0.5 * (lo + hi)
+        else:
+            _series(values, cheb)
+            largest, fastest, scale = 0.0, 0.0, 0.0
+            for i in range(GAUSS):
+                largest, scale = max(largest, math.hypot(values[1, i], values[2, i])), max(scale, abs(values[0, i]))
+                if i > 0:
+                    fastest = max(fastest, abs((values[0, i] - values[0, i - 1]) / (X16[i] - X16[i - 1])))
+            pieces = 1 + int(2.4 * fastest / CYCLES)
+            if pieces == 1:
+                for i in range(GAUSS):
+                    turn = np.exp(I2PI * (values[0, i] - math.floor(values[0, i])))
+                    wave[0, i] = values[1, i] * turn.real - values[2, i] * turn.imag
+                    wave[1, i] = values[1, i] * turn.imag + values[2, i] * turn.real
+                _series(wave, wave_cheb)
+                here = _gauss_tail(wave_cheb[0], wave_cheb[1])
+            else:
+                here = 2.0 * (_tail(cheb[1], cheb[2]) + 2.0 * math.pi * largest * _tail(cheb[0], cheb[0]))
+            if here > tol and depth < DEPTH:
+                cut = 0.5 * (lo + hi)
+            elif here > 1e3 * tol:
+                return error, nodes, spans_used, DEEP
+            else:
+                error += here + 2.0 * largest * ws[15, 0]
+                sums[4] += 2.0 * largest
+                sums[5] = max(sums[5], scale)
+                if mode == SADDLE_MODE and whole == LEFT:
+                    if spans_used >= spans.shape[0]:
+                        return error, nodes, spans_used, CROWDED
+                    spans[spans_used, 0], spans[spans_used, 1] = horner(py, lo), horner(py, hi)
+                    spans_used += 1
+                nodes += pieces * GAUSS
+                _add(values, cheb, power, pieces, sums, ws)
+        if not math.isnan(cut):
+            if depth >= DEPTH or top + 2 > ends.shape[0]:
+                return error, nodes, spans_used, DEEP
+            ends[top, 0], ends[top, 1], level[top] = lo, cut, depth + 1
+            ends[top + 1, 0], ends[top + 1, 1], level[top + 1] = cut, hi, depth + 1
+            top += 2
+    return error, nodes, spans_used, OK
