@@ -99,8 +99,11 @@ _meet_conic, _meet_conic_turned = _meeting(False, CONIC), _meeting(True, CONIC)
 
 
 @njit(**_JIT)
-def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic, index, side, code):  # noqa: E741
-    """Move a slice into the next local frame and onto its surface (in place); ``way`` is how far each ray went."""
+def move_on(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side):  # noqa: E741
+    """Move a slice into the next local frame and onto its surface (in place): number of rays in trouble there.
+
+    ``way`` is how far each ray went: not finite for those that miss, negative for virtual ones.
+    """
     turned = rot[0, 0] != 1.0 or rot[1, 1] != 1.0 or rot[2, 2] != 1.0
     rest = way, opl, rot, shift, curvature, conic, index, side
     if curvature == 0.0:
@@ -117,6 +120,13 @@ def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic
         bad = _meet_conic_turned(x, y, z, l, m, n, *rest)
     else:
         bad = _meet_conic(x, y, z, l, m, n, *rest)
+    return bad
+
+
+@njit(**_JIT)
+def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic, index, side, code):  # noqa: E741
+    """``move_on``, and the status of those in trouble."""
+    bad = move_on(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side)
     if bad > 0:  # seldom, and kept out of the loops above for that
         for i in range(x.shape[0]):
             if status[i] == 0:
@@ -220,8 +230,8 @@ _bend_plane, _bend_sphere, _bend_conic = _bending(PLANE), _bending(SPHERE), _ben
 
 
 @njit(**_JIT)
-def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):  # noqa: E741
-    """Refract or reflect a slice at the surface point it stands on (in place).
+def turn(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect):  # noqa: E741
+    """Refract or reflect a slice at the surface point it stands on (in place): how many lie beyond the critical angle.
 
     Leaves the cosines of incidence and refraction: Fresnel's reflectance needs the second one, too.
     """
@@ -232,15 +242,28 @@ def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, r
         bad = _bend_sphere(x, y, z, l, m, n, *rest)
     else:
         bad = _bend_conic(x, y, z, l, m, n, *rest)
+    return bad
+
+
+@njit(**_JIT)
+def reflected_totally(cos_in, n1, n2):
+    """Whether nothing is refracted at this cosine of incidence."""
+    ratio = n1 / n2
+    return 1.0 - ratio * ratio * (1.0 - cos_in * cos_in) < 0.0
+
+
+@njit(**_JIT)
+def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):  # noqa: E741
+    """``turn``, and the status of those that cannot be refracted."""
+    bad = turn(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect)
     if bad > 0 and not reflect:
-        ratio = n1 / n2
         for i in range(x.shape[0]):
-            if status[i] == 0 and 1.0 - ratio * ratio * (1.0 - cos_in[i] * cos_in[i]) < 0.0:
+            if status[i] == 0 and reflected_totally(cos_in[i], n1, n2):
                 status[i] = code + TIR
 
 
 @njit(**_JIT)
-def _clear(x, y, clearance, ap):
+def clear(x, y, clearance, ap):
     """Lower the running clearance of a slice by one aperture (1 at its centre, 0 at its edge)."""
     if ap[0] == 1.0:
         inv = 1.0 / (ap[1] * ap[1])
@@ -280,7 +303,7 @@ def clearance_rows(aperture, foot):
 
 
 @njit(**_JIT)
-def _fresnel(power, cos_in, cos_out, n1, n2, reflect):
+def fresnel(power, cos_in, cos_out, n1, n2, reflect):
     """Multiply a slice's power by the unpolarised Fresnel reflectance or transmittance of a bare face.
 
     At total internal reflection cos_out is 0, and the reflectance 1.
@@ -314,7 +337,7 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
             if bends:
                 _tangent_bend(x, y, z, l, m, n, d[0], d[1], d[2], d[3], d[4], d[5], curvature[k], conic[k], n1[k],
                               n2[k], reflect)  # fmt: skip
-        _clear(x, y, clearance, aperture[k])
+        clear(x, y, clearance, aperture[k])
         if foot.shape[0] > 0:
             foot[k, 0] = x
             foot[k, 1] = y
@@ -322,7 +345,7 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
             _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, code)
         if bare[k] == 1:
             if bends:  # between like media a bare face is none
-                _fresnel(power, cos_in, cos_out, n1[k], n2[k], reflect)
+                fresnel(power, cos_in, cos_out, n1[k], n2[k], reflect)
         else:
             factor *= weight[k]
     for i in range(power.shape[0]):
@@ -355,6 +378,19 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bar
 
 
 @njit(**_JIT)
+def start(p, theta, first, back_off, index, x, y, z, l, m, n, opl):  # noqa: E741
+    """Start a slice of a fan from its ray ``first`` on: as ``launch``, with theta (N, 2) or (1, 2)."""
+    one = theta.shape[0] == 1
+    for i in range(x.shape[0]):
+        j = 0 if one else first + i
+        dl, dm = theta[j, 0], theta[j, 1]
+        dn = np.sqrt(1.0 - dl * dl - dm * dm)
+        x[i], y[i], z[i] = p[first + i, 0] - back_off * dl, p[first + i, 1] - back_off * dm, -back_off * dn
+        l[i], m[i], n[i] = dl, dm, dn
+        opl[i] = -back_off * index
+
+
+@njit(**_JIT)
 def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, back_off, p, theta, begin, end,
               ends, status):  # fmt: skip
     """Launch rays ``begin`` to ``end`` of a fan as ``launch`` does, trace them as ``trace_sequence`` does, and keep
@@ -364,7 +400,6 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
     path length, power, clearance; status (N,). A slice is launched, traced and written while it is in the nearest
     cache: large arrays are written once, and not read.
     """
-    one = theta.shape[0] == 1
     room = np.empty((12, SLICE + PAD))
     tangent, foot = np.empty((0, 6, SLICE)), np.empty((0, 2, SLICE))
     for first in range(begin, end, SLICE):
@@ -372,13 +407,8 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
         w, s = slice(0, width), slice(first, first + width)
         x, y, z, l, m, n = room[0, w], room[1, w], room[2, w], room[3, w], room[4, w], room[5, w]  # noqa: E741
         opl, power, clearance, state = room[6, w], room[7, w], room[8, w], status[s]
-        for i in range(width):
-            j = 0 if one else first + i
-            dl, dm = theta[j, 0], theta[j, 1]
-            dn = np.sqrt(1.0 - dl * dl - dm * dm)
-            x[i], y[i], z[i] = p[first + i, 0] - back_off * dl, p[first + i, 1] - back_off * dm, -back_off * dn
-            l[i], m[i], n[i] = dl, dm, dn
-            opl[i], power[i], clearance[i], state[i] = -back_off * n1[0], 1.0, np.inf, 0
+        start(p, theta, first, back_off, n1[0], x, y, z, l, m, n, opl)
+        power[:], clearance[:], state[:] = 1.0, np.inf, 0
         _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, x, y, z, l, m, n, tangent, opl,
                power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
         ends[0, s], ends[1, s], ends[2, s], ends[3, s] = x, y, l, m

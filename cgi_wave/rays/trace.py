@@ -31,6 +31,13 @@ from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
 
 Array = NDArray[np.float64]
+#: Kinds of trouble in words that the name of a surface follows.
+WORDS = {
+    MISS: "missed",
+    TIR: "total internal reflection at",
+    BACKWARD: "virtual at",
+    WRONG_SIDE: "on the wrong side of",
+}
 
 
 @dataclass(frozen=True)
@@ -244,15 +251,9 @@ def _run(sequence: Sequence, p: Array, theta: Array, footprints: bool, of: str =
 
 def trouble(sequence: Sequence, traced: Traced) -> dict[str, int]:
     """Counts of what stopped rays, by kind and surface, e.g. ``{"total internal reflection at L5_back": 12}``."""
-    words = {
-        MISS: "missed",
-        TIR: "total internal reflection at",
-        BACKWARD: "virtual at",
-        WRONG_SIDE: "on the wrong side of",
-    }
     counts: dict[str, int] = {}
     for code in traced.status[traced.status > 0]:
-        key = f"{words[int(code) % KINDS]} {sequence.names[int(code) // KINDS - 1]}"
+        key = f"{WORDS[int(code) % KINDS]} {sequence.names[int(code) // KINDS - 1]}"
         counts[key] = counts.get(key, 0) + 1
     return counts
 
