@@ -1,8 +1,8 @@
 """Tracing many paths at once: what they have in common at their beginning is traced once, and dead rays are dropped.
 
 A tree of paths is a list of operations in the order of a depth-first walk. Each works on a buffer of rays: it moves
-them onto a surface, bends them there, or counts them as arrived. Where branches part, the first ones work on copies and the
-last one on the rays themselves. An operation that leaves no ray skips all that grows from it.
+them onto a surface, bends them there, or counts them as arrived. Where branches part, the first ones work on copies and
+the last one on the rays themselves. An operation that leaves no ray skips all that grows from it.
 
 The loops over rays are those of ``kernels.trace``. Numba's cache does not notice changes there: after one, set
 ``NUMBA_CACHE_DIR`` to an empty folder.

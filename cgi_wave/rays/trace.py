@@ -6,7 +6,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,17 +221,17 @@ def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False, 
     return Traced(ends[:2].T, ends[2:4].T, ends[4], ends[5], ends[6], status, np.empty((0, 2, count)))
 
 
-def share_out(part: Callable[[int, int], None], count: int, threads: int, unit: int = SLICE) -> None:
-    """Call ``part(begin, end)`` for ranges of whole units that make up 0 … count, one per thread."""
+def share_out(part: Callable[[int, int], None], count: int, threads: int) -> None:
+    """Call ``part(begin, end)`` for ranges that make up 0 … count; threads fetch the next one when they are done."""
     if threads < 1:
         raise InputError("trace", "threads", threads, "is no number of threads", "give 1 or more")
-    units = -(-count // unit)
-    edges = [min(unit * (units * k // threads), count) for k in range(threads + 1)]
-    if threads == 1 or units < 2 * threads:
+    # Ranges begin at whole slices, so that every ray has the same place in its slice whoever traces it.
+    length = SLICE * max(1, -(-count // (SLICE * 8 * threads)))
+    if threads == 1 or count <= length:
         part(0, count)
         return
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(part, begin, end) for begin, end in pairwise(edges)]:
+        for done in [pool.submit(part, begin, min(begin + length, count)) for begin in range(0, count, length)]:
             done.result()
 
 

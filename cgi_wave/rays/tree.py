@@ -88,7 +88,8 @@ class Arrivals:
         for o in self.tree.belongs[k]:
             for fate in np.flatnonzero(self.lost[o]):
                 word = "vignetted at" if fate == VIGNETTED else WORDS[int(fate)]
-                counts[f"{word} {self.tree.where[o]}"] = int(self.lost[o, fate])
+                key = f"{word} {self.tree.where[o]}"
+                counts[key] = counts.get(key, 0) + int(self.lost[o, fate])
         return counts
 
     def _means(self, k: int) -> Array:
