@@ -5,8 +5,8 @@
 Both get the same surfaces, indices and rays, along the nominal path and along ghosts, also with every surface tilted
 and decentred. Prints, lens by lens and path by path, the largest difference of positions on the detector, of directions
 and of path lengths; then rays times surfaces per second of both, taking turns, on one thread each; all two-reflection
-ghosts of the double Gauss by a tree of paths beside batoid's ``traceSplit``; two threads beside one; and the memory that
-ten million rays through the reference instrument take. Ratios move on a busy machine: the load average is printed, too,
+ghosts of the double Gauss by a tree of paths beside batoid's ``traceSplit``; two threads beside one; and the memory
+that ten million rays through the reference instrument take. Ratios move on a busy machine: the load average is printed,
 and the processor time that two threads take over that of one, which does not depend on it.
 ``--write`` stores rays and batoid's answers in tests/data, where the tests find them.
 """
