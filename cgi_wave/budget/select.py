@@ -43,7 +43,7 @@ def select_ghosts(setting: Setting, paths: Sequence[Path], floor: float = AMPLIT
 
 def opd_ranges(system: OpticalSystem, paths: Sequence[Path], nominal: Sequence[Path]) -> tuple[Array, Array]:
     """Ranges of found ghosts' OPDs to both nominal beams, m: of the probes that found them, with MARGIN; (P,) each."""
-    p, theta = pupil_probes(system, PROBES)
+    p, theta = pupil_probes(system, max((path.probes for path in paths), default=PROBES))
     straight = np.array([trace(compile_sequence(system, path, system.sigma0), p, theta).opl for path in nominal])
     own = np.array([path.length for path in paths])
     differences = own - straight[:, np.array([path.probe for path in paths], dtype=np.int64)]

@@ -52,6 +52,11 @@ class Path:
         return " ".join(f"{name}:r" if act == "reflect" else name for name, act in self.steps)
 
     @property
+    def probes(self) -> int:
+        """How many probes hold the one that found the path: PROBES, or the power of two that does."""
+        return max(PROBES, 1 << max(self.probe, 0).bit_length())
+
+    @property
     def label(self) -> str:
         """Short name: parasitic interactions and arms, e.g. ``detector:r arms 1-2`` (unique within a band)."""
         history = " ".join(f"{name}:{act[0]}" for name, act in self.history) or "nominal"
@@ -147,7 +152,7 @@ def find_paths(
 
     min_power: coating power, relative to the nominal beams together, below which a branch is not followed. The
     default keeps whatever could reach 1e-4 of the modulation in amplitude. A path is found if one of ``probes`` rays
-    (even over pupil and field) reaches the detector on it.
+    (even over pupil and field; a power of two) reaches the detector on it. More probes find what fewer found, and more.
 
     Raises EmptyBeamError if no nominal path exists, MethodLimitError if the search overflows.
     """
