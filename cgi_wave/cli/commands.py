@@ -80,8 +80,10 @@ def run(
 def ghosts(band: str, out: str | None, tolerance: float, instrument: str | None, as_json: bool) -> None:
     """List the ghosts of BAND.
 
-    Path, power, spot size, OPD, contrast with its error bound, and Eq. 4 beside it.
+    Path, power, spot size, OPD, contrast with its error bound, and Eq. 4 beside it. How many there are by order, field
+    point and first surface goes to standard error, and is the field "counts" of the JSON document.
     """
+    from cgi_wave.budget.counts import count_ghosts, counts_text
     from cgi_wave.report import output, tables
 
     suffix = tables.check_suffix(Path(out).suffix) if out else ""
@@ -89,12 +91,14 @@ def ghosts(band: str, out: str | None, tolerance: float, instrument: str | None,
         with _computing():
             result, provenance = _analyse([band], instrument, tolerance)
             rows = result.bands[band].ghosts
+            counts = count_ghosts(rows)
+            _progress(counts_text(counts))
         if file:
             tables.write_ghosts(file, rows, provenance, suffix)
     from cgi_wave.report import build
 
     if as_json:
-        click.echo(output.to_json({"band": band, "ghosts": rows, "provenance": provenance}))
+        click.echo(output.to_json({"band": band, "counts": counts, "ghosts": rows, "provenance": provenance}))
     elif not out:
         click.echo(build.ghosts_text(rows))
 

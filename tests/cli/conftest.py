@@ -19,6 +19,7 @@ GHOST = {
     "path": "L1 filter.front:r detector",
     "order": 1,
     "transmission": 2.5e-3,
+    "transmission_fields": [4e-3, 1e-3],
     "rms_x_m": 1.5e-4,
     "rms_y_m": 2.5e-4,
     "contrast_eq4": 0.05,
