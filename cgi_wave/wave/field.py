@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
 from cgi_wave.kernels.fit import near_points
-from cgi_wave.wave.basis import Array, at_points, expand, lagrange
+from cgi_wave.wave.basis import Array, at_points, evaluate, expand, lagrange
 from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
 from cgi_wave.wave.region import SAFETY, Region, Support, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
@@ -18,6 +18,7 @@ DEGREES = (4, 6, 8, 10, 12, 14, 16)
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
+MANY, SHADOW_GRID = 4, 121  # clearances beyond which shadowed ones are looked for, and points per axis for that
 POWER_SHARE = 1e-3  # numerical error asked of the power, as a share of the misfit that is asked for
 _METHOD = "polynomial pupil field"
 
@@ -131,6 +132,39 @@ def _cutting(least: Array, trial: _Trial, coef: Array, x: Array, spacing: float)
     steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
     cut: NDArray[np.bool_] = least < 2.0 * spacing * steepest + trial.clearance_worst
     return cut
+
+
+def _unshadowed(support: Support) -> Support:
+    """Without the clearances that stay positive wherever all others are: every one costs the boundary search.
+
+    Only beams with more than MANY of them are worth it. On a grid, all clearances but one show a region; the one has to
+    exceed, at its nodes and where lines of the grid leave it, the residuals and half of what it changes by from one
+    node to the next there. They go one by one, the most positive first.
+    """
+    if len(support.clearance) <= MANY:
+        return support
+    axis = np.linspace(-1.0, 1.0, SHADOW_GRID)
+    values = evaluate(support.clearance, axis, axis)
+    # The domain's own edge bounds what the polynomials are asked for.
+    disc = 1.0 - axis[:, None] ** 2 - axis[None, :] ** 2
+    kept = list(range(len(values)))
+    lit = (values > 0.0).all(axis=0) & (disc > 0.0)
+    for k in np.argsort([-value[lit].min(initial=np.inf) for value in values]):
+        others = [j for j in kept if j != k]
+        if len(others) < 2:
+            break
+        rest = np.minimum(values[others].min(axis=0), disc)
+        here = np.array([rest, values[k]])
+        least, step = float(values[k][rest > 0.0].min(initial=np.inf)), 0.0
+        for a, b in ((here[:, 1:], here[:, :-1]), (here[:, :, 1:], here[:, :, :-1])):
+            leaves = (a[0] > 0.0) != (b[0] > 0.0)
+            (rest_a, own_a), (rest_b, own_b) = a[:, leaves], b[:, leaves]
+            crossing = own_a + rest_a / (rest_a - rest_b) * (own_b - own_a)
+            least = min(least, float(crossing.min(initial=np.inf)))
+            step = max(step, float(np.abs(own_b - own_a).max(initial=0.0)))
+        if least > support.residual[k] + 2.0 * support.residual[others].max() + 0.5 * step:
+            kept = others
+    return Support(support.centre, support.scale, support.clearance[kept], support.residual[kept])
 
 
 def _bounded(support: Support, label: str) -> None:
@@ -329,7 +363,7 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     middle = samples.sigma.size // 2
     least = samples.clearance[:, lit].min(axis=1)
     cut = _cutting(least, trial, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
-    support = Support(centre, scale, simple[cut], residual[cut])
+    support = _unshadowed(Support(centre, scale, simple[cut], residual[cut]))
     _bounded(support, samples.label)
     opl, amplitude = fits.paths(trial.n)
     opl[:, 0, 0] += samples.opl.mean(axis=1)
