@@ -24,7 +24,12 @@ _HOME = {
     "rays_to_point": "rays.beams",
     "spot": "rays.beams",
     # pupil fields, contrasts, PSFs
+    "HopkinsPair": "wave.hopkins",
+    "contrast": "wave.methods.auto",
+    "gram": "wave.gram",
+    "polychromatic": "wave.gram",
     "contrast_eq4": "wave.eq4",
+    "contrast_stationary": "wave.eq4",
     "fit_field": "wave.field",
     "overlap": "wave.overlap",
     "overlap_spectrum": "wave.overlap",

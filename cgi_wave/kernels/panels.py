@@ -277,28 +277,17 @@ def wave_sum(t, w, phase, re, im, turns, a, b):
 
 
 @njit(cache=True, nogil=True)
-def _add(values, cheb, power, pieces, sums, ws):
-    """Adds the integral over one piece: amplitude times exp(i 2π phase), interpolated where the phase asks for it."""
-    if pieces == 1:
-        for i in range(GAUSS):
-            turn = np.exp(I2PI * (values[0, i] - math.floor(values[0, i])))
-            co, si = turn.real * W16[i], turn.imag * W16[i]
-            sums[0] += values[1, i] * co - values[2, i] * si
-            sums[1] += values[1, i] * si + values[2, i] * co
-            sums[2] += values[3, i] * co - values[4, i] * si
-            sums[3] += values[3, i] * si + values[4, i] * co
-        return
-    used, further = 1, 0.0
-    for q in range(5):
+def _add(cheb, power, pieces, sums, ws):
+    """Adds the integral over a piece of many waves: amplitude times exp(i 2π phase), interpolated to Gauss panels."""
+    used = 1
+    for q in range(cheb.shape[0]):
         size = 0.0
         for k in range(GAUSS):
             size = max(size, abs(cheb[q, k]))
         for k in range(GAUSS):
             if abs(cheb[q, k]) > 1e-17 * size:
                 used = max(used, k + 1)
-        if q > 2:
-            further = max(further, size)
-    for q in range(5):
+    for q in range(cheb.shape[0]):
         for k in range(used):
             total = 0.0
             for j in range(k, used):
@@ -312,7 +301,7 @@ def _add(values, cheb, power, pieces, sums, ws):
             wt[count] = W16[g] / pieces
             count += 1
         if count == longest or p == pieces - 1:
-            for channel in range(2 if further > 0.0 else 1):
+            for channel in range(cheb.shape[0] // 2):
                 re, im = wave_sum(t[:count], wt[:count], power[0, :used], power[1 + 2 * channel, :used],
                                power[2 + 2 * channel, :used], turns, are, aim)  # fmt: skip
                 sums[2 * channel] += re
@@ -336,7 +325,8 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
     lines, place = np.empty((GAUSS, n)), np.empty((GAUSS, 5))
     cls, delta = np.empty(GAUSS, np.int64), np.empty(GAUSS)
     values, cheb, power = np.empty((5, GAUSS)), np.empty((5, GAUSS)), np.empty((5, GAUSS))
-    wave, wave_cheb, pieces_used = np.empty((2, GAUSS)), np.empty((2, GAUSS)), 0
+    wave, wave_cheb, pieces_used = np.empty((4, GAUSS)), np.empty((2, GAUSS)), 0
+    channels = 5 if w.shape[0] > 0 else 3  # phase, and Re and Im of one amplitude or two
     while top > 0:
         pieces_used += 1
         if pieces_used > PIECES:
@@ -359,7 +349,6 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
                 return error, nodes, spans_used, DEEP
             cut = 0.5 * (lo + hi)
         else:
-            _series(values, cheb)
             largest, fastest, scale = 0.0, 0.0, 0.0
             for i in range(GAUSS):
                 largest, scale = max(largest, math.hypot(values[1, i], values[2, i])), max(scale, abs(values[0, i]))
@@ -369,11 +358,13 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
             if pieces == 1:
                 for i in range(GAUSS):
                     turn = np.exp(I2PI * (values[0, i] - math.floor(values[0, i])))
-                    wave[0, i] = values[1, i] * turn.real - values[2, i] * turn.imag
-                    wave[1, i] = values[1, i] * turn.imag + values[2, i] * turn.real
-                _series(wave, wave_cheb)
+                    for q in range(0, channels - 1, 2):
+                        wave[q, i] = values[1 + q, i] * turn.real - values[2 + q, i] * turn.imag
+                        wave[q + 1, i] = values[1 + q, i] * turn.imag + values[2 + q, i] * turn.real
+                _series(wave[:2], wave_cheb)
                 here = _gauss_tail(wave_cheb[0], wave_cheb[1])
             else:
+                _series(values[:channels], cheb)
                 here = 2.0 * (_tail(cheb[1], cheb[2]) + 2.0 * math.pi * largest * _tail(cheb[0], cheb[0]))
             if here > tol and depth < DEPTH:
                 cut = 0.5 * (lo + hi)
@@ -389,7 +380,12 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
                     spans[spans_used, 0], spans[spans_used, 1] = horner(py, lo), horner(py, hi)
                     spans_used += 1
                 nodes += pieces * GAUSS
-                _add(values, cheb, power, pieces, sums, ws)
+                if pieces == 1:
+                    for q in range(channels - 1):
+                        for i in range(GAUSS):
+                            sums[q] += wave[q, i] * W16[i]
+                else:
+                    _add(cheb[:channels], power, pieces, sums, ws)
         if not math.isnan(cut):
             if depth >= DEPTH or top + 2 > ends.shape[0]:
                 return error, nodes, spans_used, DEEP

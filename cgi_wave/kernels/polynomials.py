@@ -11,6 +11,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def horner(c, x):
+    """Value at x of the polynomial with powers c."""
     value = 0.0
     for k in range(c.shape[0] - 1, -1, -1):
         value = value * x + c[k]
@@ -19,6 +20,7 @@ def horner(c, x):
 
 @njit(cache=True, nogil=True)
 def slope_at(c, x):
+    """Derivative at x of the polynomial with powers c."""
     value = 0.0
     for k in range(c.shape[0] - 1, 0, -1):
         value = value * x + k * c[k]
@@ -122,6 +124,7 @@ def second_order(f, x, y):
 
 @njit(cache=True, nogil=True)
 def derivative_x(coef):
+    """Powers (n, n) of the derivative by x."""
     n = coef.shape[0]
     out = np.zeros((n, n))
     for i in range(1, n):
