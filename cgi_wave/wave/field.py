@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
+from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
 from cgi_wave.kernels.fit import near_points
-from cgi_wave.wave.basis import Array, at_points, evaluate, expand, lagrange
+from cgi_wave.wave.basis import Array, at_points, expand, lagrange
 from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
 from cgi_wave.wave.region import SAFETY, Region, Support, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
+from cgi_wave.wave.support import cutting, domain, fenced, unshadowed
 
 DEGREES = (4, 6, 8, 10, 12, 14, 16)
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
-MANY, SHADOW_GRID = 4, 121  # clearances beyond which shadowed ones are looked for, and points per axis for that
 POWER_SHARE = 1e-3  # numerical error asked of the power, as a share of the misfit that is asked for
 _METHOD = "polynomial pupil field"
 
@@ -100,85 +100,12 @@ def _check(samples: PupilSamples) -> None:
         raise InputError(source, "sigma", samples.sigma.tolist(), "not ascending", "sort the wavenumbers")
 
 
-def _domain(samples: PupilSamples, lit: NDArray[np.bool_]) -> tuple[Array, Array, float]:
-    """Centre and semi-axes of the ellipse that bounds the lit samples with a margin; sample spacing in its unit.
-
-    The margin of 1.5 spacings is where the true boundary must lie, beyond the last lit sample.
-    """
-    points = samples.u[lit]
-    lo, hi = points.min(axis=0), points.max(axis=0)
-    centre, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
-    if np.any(half <= 0.0):
-        raise FoldedFieldError(f"{samples.label}: the samples lie on a line; use the position-space field")
-    reach = float(np.sqrt((((points - centre) / half) ** 2).sum(axis=1).max()))
-    spacing = min(float(np.sqrt(np.pi / lit.sum(axis=1).min())), 0.4)
-    return centre, half * reach * (1.0 + 1.5 * spacing), spacing
-
-
 def _near(x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]:
     """(S, N) samples that take part in the fit: in the domain, lit or within one spacing of a lit one.
 
     They hold the boundary; those further out would only ask the polynomial for what it need not do.
     """
     return np.array([near_points(here, chosen, spacing) for here, chosen in zip(x, lit, strict=True)])
-
-
-def _cutting(least: Array, trial: _Trial, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
-    """(K,) which clearances can reach zero within two sample spacings of the lit samples.
-
-    least (K,): their smallest value there; coef (K, n, n), x (N, 2): polynomials and points at the middle sigma.
-    """
-    slopes = polynomials(coef, x)[:, 1:]
-    steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
-    cut: NDArray[np.bool_] = least < 2.0 * spacing * steepest + trial.clearance_worst
-    return cut
-
-
-def _unshadowed(support: Support) -> Support:
-    """Without the clearances that stay positive wherever all others are: every one costs the boundary search.
-
-    Only beams with more than MANY of them are worth it. On a grid, all clearances but one show a region; the one has to
-    exceed, at its nodes and where lines of the grid leave it, the residuals and half of what it changes by from one
-    node to the next there. They go one by one, the most positive first.
-    """
-    if len(support.clearance) <= MANY:
-        return support
-    axis = np.linspace(-1.0, 1.0, SHADOW_GRID)
-    values = evaluate(support.clearance, axis, axis)
-    # The domain's own edge bounds what the polynomials are asked for.
-    disc = 1.0 - axis[:, None] ** 2 - axis[None, :] ** 2
-    kept = list(range(len(values)))
-    lit = (values > 0.0).all(axis=0) & (disc > 0.0)
-    for k in np.argsort([-value[lit].min(initial=np.inf) for value in values]):
-        others = [j for j in kept if j != k]
-        if len(others) < 2:
-            break
-        rest = np.minimum(values[others].min(axis=0), disc)
-        here = np.array([rest, values[k]])
-        least, step = float(values[k][rest > 0.0].min(initial=np.inf)), 0.0
-        for a, b in ((here[:, 1:], here[:, :-1]), (here[:, :, 1:], here[:, :, :-1])):
-            leaves = (a[0] > 0.0) != (b[0] > 0.0)
-            (rest_a, own_a), (rest_b, own_b) = a[:, leaves], b[:, leaves]
-            crossing = own_a + rest_a / (rest_a - rest_b) * (own_b - own_a)
-            least = min(least, float(crossing.min(initial=np.inf)))
-            step = max(step, float(np.abs(own_b - own_a).max(initial=0.0)))
-        if least > support.residual[k] + 2.0 * support.residual[others].max() + 0.5 * step:
-            kept = others
-    return Support(support.centre, support.scale, support.clearance[kept], support.residual[kept])
-
-
-def _bounded(support: Support, label: str) -> None:
-    """Refuse a support that reaches the edge of the sampled domain: its boundary is not known."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
-    rim = np.column_stack([np.cos(angle), np.sin(angle)])
-    open_rim = polynomials(support.clearance, rim)[:, 0].min(axis=0, initial=np.inf) > 0.0
-    if np.any(open_rim):
-        raise MethodLimitError(
-            _METHOD,
-            f"{label}: the clearances leave {np.mean(open_rim):.0%} of the edge of the sampled domain open",
-            1.0 + float(np.mean(open_rim)),
-            "sample beyond the aperture, or give the clearance of the aperture that the rays were launched into",
-        )
 
 
 @dataclass(frozen=True)
@@ -354,7 +281,7 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
         raise MethodLimitError(
             _METHOD, f"{samples.label}: {counts.min()} lit samples", FEWEST / counts.min(), "trace more rays"
         )
-    centre, scale, spacing = _domain(samples, lit)
+    centre, scale, spacing = domain(samples, lit)
     x = (samples.u - centre) / scale
     inside = _near(x, lit, spacing)
     degrees = _degrees(samples, inside, degree)
@@ -362,9 +289,9 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     trial, simple, residual = _choose(fits, degrees, target)
     middle = samples.sigma.size // 2
     least = samples.clearance[:, lit].min(axis=1)
-    cut = _cutting(least, trial, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
-    support = _unshadowed(Support(centre, scale, simple[cut], residual[cut]))
-    _bounded(support, samples.label)
+    cut = cutting(least, trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
+    support = unshadowed(Support(centre, scale, simple[cut], residual[cut]))
+    support = fenced(support, x[middle][lit[middle]], spacing, samples.label)
     opl, amplitude = fits.paths(trial.n)
     opl[:, 0, 0] += samples.opl.mean(axis=1)
     region = _region(support, samples.u[middle][lit[middle]], spacing)
