@@ -7,6 +7,7 @@ import pytest
 from small_instruments import DATA, build, detector, frame, michelson, published, singlet, surface
 from test_paths import faces, ghost, probes
 
+from cgi_wave.budget.select import opd_ranges
 from cgi_wave.errors import EmptyBeamError
 from cgi_wave.kernels import search as walk
 from cgi_wave.optics.system import load_instrument
@@ -91,6 +92,23 @@ def test_more_probes_find_what_fewer_found_and_more():
     few, many = (find_paths(small, probes=count) for count in (64, 1024))
     assert texts(few) < texts(many)
     assert all(path.probe < path.probes for path in many) and max(path.probes for path in many) > PROBES
+
+
+def test_probes_beyond_the_default_are_known_to_the_chain():
+    """What a finer search found has a path difference to the nominal beams, and rays that feed it."""
+    instrument = load_instrument(DATA / "double_gauss.toml")
+    small = instrument.with_values({"image.aperture": {"radius_mm": 2.0}}).band(instrument.bands[0])
+    found = find_paths(small, probes=4 * PROBES)
+    late = [path for path in found if path.probe >= PROBES]
+    assert late
+    low, high = opd_ranges(small, late, [found[0], found[0]])
+    for k, path in enumerate(late):
+        p, theta = (values[path.probe] for values in pupil_probes(small, path.probes))
+        own, straight = (
+            trace(compile_sequence(small, which, small.sigma0), p[None], theta) for which in (path, found[0])
+        )
+        assert own.passes[0] and low[k] < own.opl[0] - straight.opl[0] < high[k]
+        assert own.opl[0] == pytest.approx(path.length, abs=1e-12)
 
 
 # ------------------------------------------------------------------------------------------------ what ends a branch
