@@ -19,9 +19,7 @@ PLAIN = ("reflectance", "transmittance", "reflect_phase_deg", "transmit_phase_de
 
 
 def recoated(system: OpticalSystem, coatings: Mapping[str, CoatingSpec]) -> OpticalSystem:
-    """The system with these coatings on these surfaces, by name. Raises InputError for an unknown surface."""
-    for name in coatings:
-        members(system, name)
+    """The system with these coatings on these surfaces, by name."""
     surfaces = (replace(s, coating=coatings[s.name]) if s.name in coatings else s for s in system.surfaces)
     return replace(system, surfaces=tuple(surfaces))
 
