@@ -90,7 +90,7 @@ def is_constant(coating: CoatingSpec) -> bool:
 
     A field that this module does not know, and that was given a value, counts as something that varies.
     """
-    blank = CoatingSpec()
+    blank = type(coating)()
     return all(
         getattr(coating, name) == getattr(blank, name) for name in coating.__struct_fields__ if name not in PLAIN
     )

@@ -33,8 +33,8 @@ def ranking_text(found: Ranking) -> str:
             ],
         ),
         "",
-        "Remedies, in %: NMA error after; its fall, with the error of the difference (?: not beyond it); the linear guess "
-        "and the tangent; nominal power, spot / µm and fringes after",
+        "Remedies, in %: NMA error after; its fall, with the error of the difference (?: not beyond it); the linear "
+        "guess and the tangent; nominal power, spot / µm and fringes after",
         *_table(
             ("remedy", "change", "NMA error", "±", "gain", "±", "guess", "tangent", "power", "spot", "fringes", "by"),
             [_remedy(row) for row in found.remedies],
