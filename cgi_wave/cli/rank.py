@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -89,7 +90,10 @@ def rank(
 
     loaded = load_instrument(instrument)
     target = Target(coating_factor, coating_value)
-    given = _moves(loaded.band(band), tilts, shifts, settings)
+    system = loaded.band(band)
+    given = _moves(system, tilts, shifts, settings)
+    for move in given:
+        move.apply(system, loaded)  # refuses what makes no instrument
     moves = given if given or no_moves else None
     with output.whole_file(out) if out else nullcontext() as file:
         with computing():
@@ -139,4 +143,7 @@ def _named(option: str, word: str, example: str, most: int) -> tuple[str, list[f
     parts = text.split(",")
     if not name or not text or len(parts) > most:
         raise InputError("command line", option, word, "is not a name and its numbers", f"write it as {example}")
-    return name, [number(option, part) for part in parts]
+    numbers = [number(option, part) for part in parts]
+    if not all(map(math.isfinite, numbers)):
+        raise InputError("command line", option, word, "is not finite", f"write it as {example}")
+    return name, numbers

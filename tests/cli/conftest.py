@@ -96,6 +96,12 @@ def made_up_analysis(names, instrument, fields):
     )
 
 
+@pytest.fixture
+def costs():
+    """What surfaces cost, made up."""
+    return COSTS
+
+
 @pytest.fixture(scope="session")
 def fields():
     return (made_up_field(0), made_up_field(1))
