@@ -10,15 +10,17 @@ import json
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from study_page import table
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import setting_of, zone_rows
 from cgi_wave.budget.attribution import faces
 from cgi_wave.budget.outcome import Seen, rescaled, see
-from cgi_wave.budget.remedies import Target, coating_remedies, scales_exactly
-from cgi_wave.budget.setting import Setting
-from cgi_wave.optics.system import load_instrument
+from cgi_wave.budget.remedies import Remedy, Target, coating_remedies, power_factors, scales_exactly
+from cgi_wave.fringes.nma import retrieve
+from cgi_wave.fringes.terms import Factors
+from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.ranking import trace_remedy
 
 FACTORS = (0.9, 0.5, 0.25, 0.1, 0.0)
@@ -31,8 +33,9 @@ def study(band: str = "NIR", instrument: str | None = None, tolerance: float = D
 
     ``traced``: the largest remedies by scaling beside the same coatings put into the instrument and everything done
     again, search and selection of ghosts included: some then fall below the power floor, and some pairs below the
-    tolerance. ``same ghosts``: the difference for the ghosts of the unchanged instrument, at a tenth of the tolerance,
-    so that little is left but rounding and contrasts that are computed to another accuracy. ``linear``: gains for
+    tolerance. ``same terms``: the difference if the unchanged instrument's ghosts are traced, and only
+    pairs are taken that were computed in both: what is left is rounding, and contrasts computed to another accuracy.
+    ``linear``: gains for
     several reflectances beside the guess by power and the tangent. ``sums``: the gain of a coating beside the sum of
     the gains of its surfaces one by one.
     """
@@ -49,14 +52,11 @@ def study(band: str = "NIR", instrument: str | None = None, tolerance: float = D
     largest = sorted(halves, key=lambda key: -abs(halves[key].gain))[:LARGEST]
     here = setting_of(loaded.raw, loaded.file, band)
     x0 = system.field_points()[0]
-
-    def fine(setting: Setting) -> Seen:
-        return see(setting, before.point.paths, before.untraced, x0, zone_rows(system, x0), 0.1 * tolerance)
-
-    finer, traced = fine(here), []
+    traced = []
     for key in largest:
         remedy = remedies(0.5)[key]
-        same = fine(replace(here, system=remedy.apply(system, loaded))).retrieval.coherent.nma_error.value
+        changed = replace(here, system=remedy.apply(system, loaded))
+        same = see(changed, before.point.paths, before.untraced, x0, zone_rows(system, x0), tolerance)
         ((after, _),) = trace_remedy(loaded.raw, loaded.file, band, remedy, 1, tolerance)
         again = after.retrieval.coherent
         traced.append(
@@ -65,7 +65,7 @@ def study(band: str = "NIR", instrument: str | None = None, tolerance: float = D
                 "scaled": halves[key].nma_error,
                 "traced again": again.nma_error.value,
                 "difference": halves[key].nma_error - again.nma_error.value,
-                "same ghosts": rescaled(system, finer, remedy).nma_error - same,
+                "same terms": same_terms(system, before, same, remedy),
                 "O/B difference": halves[key].offset - again.offset_over_baseline.value,
                 "power not traced again": float(after.untraced.power.sum() - before.untraced.power.sum()),
                 "ghosts traced": f"{len(before.point.paths) - 2}, {len(after.point.paths) - 2}",
@@ -104,6 +104,22 @@ def study(band: str = "NIR", instrument: str | None = None, tolerance: float = D
         "linear": linear,
         "sums": sums,
     }
+
+
+def same_terms(system: OpticalSystem, before: Seen, after: Seen, remedy: Remedy) -> float:
+    """Scaled less traced NMA error of the same ghosts, with the pairs that were computed in both."""
+    ends = [{(pair.m, pair.l) for pair in seen.terms.coherency.pairs} for seen in (before, after)]
+    assert before.point.coherency.labels == after.point.coherency.labels
+    results = []
+    for seen, power in (
+        (before, power_factors(system, before.point.paths, remedy.coatings or {})),
+        (after, np.ones(len(after.point.paths))),
+    ):
+        factors = Factors.of_powers(seen.terms.coherency, power)
+        both = np.array([(pair.m, pair.l) in ends[0] & ends[1] for pair in seen.terms.coherency.pairs])
+        found = retrieve(seen.terms.psi(replace(factors, pair=factors.pair * both)))
+        results.append(found.coherent.nma_error.value)
+    return results[0] - results[1]
 
 
 def main() -> None:
