@@ -20,9 +20,9 @@ from scipy.special import gammaln
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.fringes import chebyshev
 from cgi_wave.fringes.coherency import Coherency, Pair
-from cgi_wave.fringes.terms import METHOD, Interferogram, Psi, Terms, belongs
+from cgi_wave.fringes.terms import METHOD, Interferogram, Psi, Terms, belongs, standard_error
 
-__all__ = ["Interferogram", "Psi", "belongs", "interferogram_terms", "synthesise"]
+__all__ = ["Interferogram", "Psi", "belongs", "interferogram_terms", "standard_error", "synthesise"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

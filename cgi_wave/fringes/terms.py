@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.fringes.coherency import Coherency
+from cgi_wave.fringes.coherency import Coherency, LeftOutPairs
 
 Array = NDArray[np.float64]
 Bookkeeping = Literal["nominal", "paper", "coherent"]
@@ -188,28 +188,44 @@ class Terms:
 
     @cached_property
     def _groups(self) -> dict[str, tuple[NDArray[np.int64], dict[str, Array]]]:
-        """By book-keeping, of the left-out pairs: pair of families, and weight on the modulation and the baseline.
-
-        A pair counts in full within NEAR of the fringes meant (the nominal ones, or none) or if its own are not known.
-        """
-        out, family = self.coherency.left_out, self.coherency.family
-        one, other = family[out.m], family[out.l]
-        both = np.minimum(one, other) * (int(family.max()) + 1) + np.maximum(one, other)
-        _, both = np.unique(both, return_inverse=True)
-        weights = {}
-        for name, frequency in (("modulation", 1.0), ("baseline", 0.0)):
-            far = np.abs(np.abs(out.frequency) - frequency) > NEAR  # False for NaN
-            weights[name] = np.where(far, LEAKAGE, 1.0)
+        """By book-keeping, of the left-out pairs: pair of families, and weight on the modulation and the baseline."""
+        out = self.coherency.left_out
+        both = _family_pairs(self.coherency, out)
+        weights = {"modulation": _counts(out, 1.0), "baseline": _counts(out, 0.0)}
         return {
             book: (both[mask], {name: weight[mask] for name, weight in weights.items()})
             for book, (_, mask) in self._members.items()
         }
 
     def _standard_error(self, bookkeeping: Bookkeeping, bound: Array, on: str) -> float:
-        """Bounds added plainly within each pair of families, and in squares over the pairs of families."""
         both, weights = self._groups[bookkeeping]
-        sums = np.bincount(both, bound * weights[on])
-        return float(np.sqrt((sums**2).sum()))
+        return _in_squares(both, bound * weights[on])
+
+
+def standard_error(coherency: Coherency, out: LeftOutPairs, frequency: float) -> float:
+    """Bounds added plainly within each pair of families, and in squares over the pairs of families.
+
+    A pair counts in full within NEAR of ``frequency`` (in nominal fringe frequencies) or if its own is not known.
+    """
+    return _in_squares(_family_pairs(coherency, out), out.bound * _counts(out, frequency))
+
+
+def _family_pairs(coherency: Coherency, out: LeftOutPairs) -> NDArray[np.int64]:
+    """(L,) number of the pair of families that each left-out pair belongs to."""
+    one, other = coherency.family[out.m], coherency.family[out.l]
+    both = np.minimum(one, other) * (int(coherency.family.max()) + 1) + np.maximum(one, other)
+    number: NDArray[np.int64] = np.unique(both, return_inverse=True)[1]
+    return number
+
+
+def _counts(out: LeftOutPairs, frequency: float) -> Array:
+    """(L,) 1, or LEAKAGE for fringes that are known to be far from ``frequency``."""
+    far = np.abs(np.abs(out.frequency) - frequency) > NEAR  # False for NaN
+    return np.where(far, LEAKAGE, 1.0)
+
+
+def _in_squares(both: NDArray[np.int64], bound: Array) -> float:
+    return float(np.sqrt((np.bincount(both, bound) ** 2).sum()))
 
 
 def belongs(m: NDArray[np.int64], l: NDArray[np.int64], bookkeeping: Bookkeeping) -> NDArray[np.bool_]:  # noqa: E741
