@@ -33,8 +33,11 @@ class Pupil:
     focal_length: float
 
 
-def build(listing: Listing, given: Mapping[str, str | float]) -> tuple[dict[str, Any], Path]:
-    """The document of an instrument file, checked, and its nominal path. Raises InputError."""
+def build(
+    listing: Listing, given: Mapping[str, str | float], keep_stop: bool
+) -> tuple[dict[str, Any], Path, list[int]]:
+    """The document of an instrument file, checked, its nominal path, and the file's numbers of the surfaces on it, the
+    image last. Raises InputError."""
     full = layout(listing, given, keep=True)
     before = len(listing.remarks)
     system, path = _resolve(listing, full, None, {})
@@ -43,7 +46,7 @@ def build(listing: Listing, given: Mapping[str, str | float]) -> tuple[dict[str,
     mirrors = [surface.name for surface in full.surfaces if surface.act == "reflect"]
     chosen = full
     dummies = [s for s in full.surfaces if s.act == "transmit" and _idle(full, s)]
-    if mirrors and dummies:
+    if mirrors and dummies and not keep_stop:
         # Light that turns back may cross a stop's plane once more, which a list of surfaces does not tell.
         listing.remarks = listing.remarks[:before]
         spare = Listing(listing.file, rows=listing.rows, wavelengths=listing.wavelengths)
@@ -53,7 +56,7 @@ def build(listing: Listing, given: Mapping[str, str | float]) -> tuple[dict[str,
             listing.remark("substituted", surface.row.line, surface.name, f"no surface of its own with mirrors about: {what}")
     document = _document(listing, chosen, pupil, openings)
     instrument = from_document(document, listing.file)
-    return document, make_path(instrument.band("design"), chosen.steps)  # type: ignore[arg-type]
+    return document, make_path(instrument.band("design"), chosen.steps), chosen.numbers  # type: ignore[arg-type]
 
 
 def _idle(found: Layout, surface: Placed) -> bool:

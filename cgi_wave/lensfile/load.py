@@ -20,11 +20,13 @@ READERS = {".zmx": zmx.read, ".seq": seq.read}
 
 @dataclass(frozen=True)
 class Imported:
-    """An imported lens: the file, plain data of an instrument file, its nominal path, and every difference."""
+    """An imported lens: the file, plain data of an instrument file, its nominal path with the file's numbers of the
+    surfaces on it (the image last), and every difference."""
 
     file: str
     document: dict[str, Any]
     path: Path
+    numbers: tuple[int, ...]
     remarks: tuple[Remark, ...]
 
     @property
@@ -48,12 +50,17 @@ class Imported:
 
 
 def import_lens(
-    path: str | File, glasses: Mapping[str, str | float] | None = None, primary_only: bool = False
+    path: str | File,
+    glasses: Mapping[str, str | float] | None = None,
+    primary_only: bool = False,
+    keep_stop: bool = False,
 ) -> Imported:
     """Read a Zemax (.zmx) or CODE V (.seq) sequential lens file.
 
     glasses: catalogue page "shelf/book/page" or constant index by the name of a glass in the file; they win over the
-    file's own catalogue. primary_only: import the reference wavelength alone, as model glasses need.
+    file's own catalogue. primary_only: import the reference wavelength alone, as model glasses need. keep_stop: keep a stop in the air as
+    a surface of its own although there are mirrors (the nominal path can be traced, but light that crosses the stop's
+    plane again is not found by a search of paths).
 
     Raises InputError, with the line and keyword, for whatever would bend light in a way that an instrument file has no
     words for, and for glasses that name no single page.
@@ -72,9 +79,9 @@ def import_lens(
         kept = listing.wavelengths[listing.primary]
         listing.remark("dropped", 0, "wavelengths", f"all but {kept:g} nm, as asked for")
         listing.wavelengths, listing.primary = [kept], 0
-    document, nominal = build(listing, glasses or {})
+    document, nominal, numbers = build(listing, glasses or {}, keep_stop)
     document = document | {"notes": [f"imported from {file.name}", *_stand_ins(listing), *document["notes"]]}
-    return Imported(str(path), document, nominal, tuple(listing.remarks))
+    return Imported(str(path), document, nominal, tuple(numbers), tuple(listing.remarks))
 
 
 def _stand_ins(listing: Listing) -> list[str]:

@@ -43,10 +43,12 @@ class Placed:
 
 @dataclass
 class Layout:
-    """Surfaces, the steps of the nominal path (name, act), space → glass (page, number or "air"), name of the stop."""
+    """Surfaces, the steps of the nominal path (name, act) with the file's number of each, space → glass (page, number
+    or "air"), name of the stop."""
 
     surfaces: list[Placed]
     steps: list[tuple[str, str]]
+    numbers: list[int]
     spaces: dict[str, str | float]
     stop: str
 
@@ -62,6 +64,7 @@ def layout(listing: Listing, given: Mapping[str, str | float], keep: bool) -> La
     frames: dict[int, tuple[Array, Array]] = {}
     placed: list[Placed] = []
     steps: list[tuple[str, str]] = []
+    numbers: list[int] = []
     spaces: dict[str, str | float] = {"front": "air"}
     here, forward, stop = "front", 1, ""
     last = len(listing.rows) - 1
@@ -89,6 +92,7 @@ def layout(listing: Listing, given: Mapping[str, str | float], keep: bool) -> La
             else:
                 here = _again(listing, old, row, glass, here, spaces)
                 steps.append((old.name, old.act))
+            numbers.append(row.number)
             if row.stop:
                 stop = (old or surface).name
         elif stands and row.stop:
@@ -97,7 +101,7 @@ def layout(listing: Listing, given: Mapping[str, str | float], keep: bool) -> La
         axes, origin = _move(axes, origin, row.after)
         if row.number != last:
             origin = origin + axes @ np.array([0.0, 0.0, row.thickness])
-    return Layout(placed, steps, spaces, stop)
+    return Layout(placed, steps, numbers, spaces, stop)
 
 
 def _check(listing: Listing) -> None:
