@@ -4,10 +4,10 @@ Figures from the listing printed in "How do I account for energy losses when per
 Zemax knowledge base, 24 June 2008 (www.zemax.com/kb/articles/249). It prints this one ghost in full; no other ghost of
 the lens has been found in print.
 
-Two things had to be found out. The listing's RMS is taken from three rings of rays by Gauss's rule (more rings move one
-figure by 8 units of its last digit), and its chief ray passes the stop where it meets it on the ghost's own way. What
-remains are F-numbers of seven digits, off by 1e-6: an index of the crown lower by 1e-6 than Schott's formula gives today
-accounts for them, which ``fitted`` shows.
+Two things had to be found out. The listing's RMS is taken from three rings of rays by Gauss's rule (more rings move
+one figure by 8 units of its last digit), and its chief ray passes the stop where it meets it on the ghost's own way.
+What remains are F-numbers of seven digits, off by 1e-6: an index of the crown lower by 1e-6 than Schott's formula gives
+today accounts for them, which ``fitted`` shows.
 """
 
 from __future__ import annotations
@@ -96,7 +96,10 @@ def fitted() -> dict[str, Any]:
         return np.array([row["units_of_last_digit"] for row in rows])
 
     found = least_squares(misfit, np.zeros(2), diff_step=0.1)
-    return {"shift": {"SK16": float(found.x[0]) * 1e-6, "F2": float(found.x[1]) * 1e-6}, "rows": compare(with_indices(*(found.x * 1e-6)))}
+    return {
+        "shift": {"SK16": float(found.x[0]) * 1e-6, "F2": float(found.x[1]) * 1e-6},
+        "rows": compare(with_indices(*(found.x * 1e-6))),
+    }
 
 
 def study() -> dict[str, Any]:

@@ -184,9 +184,9 @@ def our_points(imported: Imported, points: Array, directions: Array, nm: float) 
 def rayoptics_points(imported: Imported, points: Array, directions: Array, nm: float) -> Array:
     """The same by rayoptics, which reads the file itself; points in the axes of surface 1 before its own tilt."""
     with redirect_stdout(io.StringIO()):
+        from rayoptics.elem.transform import compute_global_coords
         from rayoptics.environment import open_model
         from rayoptics.raytr.raytrace import trace_raw
-        from rayoptics.elem.transform import compute_global_coords
 
         with tempfile.TemporaryDirectory() as folder:
             model = open_model(_for_rayoptics(imported.file, folder))
@@ -224,7 +224,9 @@ def _for_rayoptics(file: str, folder: str) -> str:
     for block in blocks:
         if "COORDBRK" not in " ".join(block):
             continue
-        second = any(words[:2] == ["PARM", "6"] and float(words[2]) for words in map(str.split, block) if len(words) > 2)
+        second = any(
+            words[:2] == ["PARM", "6"] and float(words[2]) for words in map(str.split, block) if len(words) > 2
+        )
         turned = ("1", "2", "5") if second else ("3", "4")
         for k, words in enumerate(map(str.split, block)):
             if words[:1] == ["PARM"] and words[1] in turned:

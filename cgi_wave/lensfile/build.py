@@ -1,4 +1,4 @@
-"""The instrument file of a placed lens: frames, entrance pupil, apertures, band. Rays are those of the tracer itself."""
+"""The instrument file of a placed lens: frames, entrance pupil, apertures, band. Rays are the tracer's own."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from cgi_wave.errors import EmptyBeamError
 from cgi_wave.lensfile.listing import Array, Listing
 from cgi_wave.lensfile.poses import Layout, Placed, layout
 from cgi_wave.optics.system import MM, OpticalSystem, from_document
-from cgi_wave.rays.paths import Path, make_path
+from cgi_wave.rays.paths import Path, find_paths, make_path
 from cgi_wave.rays.trace import compile_sequence, trace, trace_with_derivatives
 
 #: Apertures that had to be traced are this much larger than what the rays fill, mm and part of it.
@@ -53,10 +54,24 @@ def build(
         chosen = layout(spare, given, keep=False)
         for surface in dummies:
             what = "stop: the entrance pupil limits the beam instead" if surface.row.stop else "aperture in the air"
-            listing.remark("substituted", surface.row.line, surface.name, f"no surface of its own with mirrors about: {what}")
-    document = _document(listing, chosen, pupil, openings)
-    instrument = from_document(document, listing.file)
-    return document, make_path(instrument.band("design"), chosen.steps), chosen.numbers  # type: ignore[arg-type]
+            listing.remark(
+                "substituted", surface.row.line, surface.name, f"no surface of its own with mirrors about: {what}"
+            )
+    system = from_document(_document(listing, chosen, pupil, openings), listing.file).band("design")
+    path = make_path(system, chosen.steps)  # type: ignore[arg-type]
+    _check_search(listing, system, path)
+    return _document(listing, chosen, pupil, openings), path, chosen.numbers
+
+
+def _check_search(listing: Listing, system: OpticalSystem, path: Path) -> None:
+    """Say so if the search of paths, which knows where surfaces stand and not their order, does not find the lens."""
+    try:
+        found = {nominal.steps for nominal in find_paths(system, max_order=0, max_splits=0)}
+    except EmptyBeamError:
+        found = set()
+    if path.steps not in found:
+        text = "a search of paths does not find it: a surface stands in the light's way, or an aperture is too small"
+        listing.remark("beware", 0, "nominal path", text)
 
 
 def _idle(found: Layout, surface: Placed) -> bool:
@@ -84,7 +99,9 @@ def _pupil(listing: Listing, found: Layout, system: OpticalSystem, path: Path) -
         for _ in range(20):
             ray = trace_with_derivatives(sequence, point, across, "both")
             if not ray.traced.valid[0]:
-                listing.refuse(0, "stop", found.stop, "is not reached by a ray along the axis", "check tilts and glasses")
+                listing.refuse(
+                    0, "stop", found.stop, "is not reached by a ray along the axis", "check tilts and glasses"
+                )
             by_theta, by_p = ray.dx[0][:, :2], ray.dx[0][:, 2:]
             step = np.linalg.solve(by_p, ray.traced.x[0])
             point = point - step
@@ -108,7 +125,9 @@ def _pupil(listing: Listing, found: Layout, system: OpticalSystem, path: Path) -
         "stop": stop.row.opening.radius / scale if stop and stop.row.opening and stop.row.opening.radius else 0.0,
     }.get(kind, 0.0)
     if not (np.isfinite(radius) and radius > 0):
-        listing.refuse(0, "aperture", kind or "(none)", "gives no entrance pupil", "give EPD/ENPD, the pupil's diameter")
+        listing.refuse(
+            0, "aperture", kind or "(none)", "gives no entrance pupil", "give EPD/ENPD, the pupil's diameter"
+        )
     if kind != "diameter":
         text = f"entrance pupil of diameter {2 * radius:.9g} mm from {kind} {value:g}, focal length {focal:.9g} mm"
         listing.remark("substituted", 0, "aperture", text)
@@ -147,7 +166,9 @@ def _openings(
             reach[name] = max(reach.get(name, 0.0), float(np.hypot(x, y).max(initial=0.0)))
         box = np.maximum(box, foot[-1].max(axis=1, initial=0.0)[:, None])
     if lost:
-        listing.remark("dropped", 0, "apertures", f"{lost} rays of the fields that meet no surface while apertures are traced")
+        listing.remark(
+            "dropped", 0, "apertures", f"{lost} rays of the fields that meet no surface while apertures are traced"
+        )
     openings: dict[str, dict[str, Any]] = {}
     for surface in found.surfaces:
         opening, row = surface.row.opening, surface.row
@@ -163,7 +184,9 @@ def _openings(
             continue
         x, y = opening.centre
         centre = {} if (x, y) == (0.0, 0.0) else {"centre_mm": [-x if surface.flipped else x, y]}
-        size = {"radius_mm": opening.radius} if opening.radius is not None else {"half_width_mm": list(opening.half or ())}
+        size = (
+            {"radius_mm": opening.radius} if opening.radius is not None else {"half_width_mm": list(opening.half or ())}
+        )
         openings[surface.name] = size | centre
         if not opening.exact:
             text = f"{surface.name}: aperture of radius {opening.radius:g} mm from the semi-diameter"
@@ -171,9 +194,7 @@ def _openings(
     return openings
 
 
-def _document(
-    listing: Listing, found: Layout, pupil: Pupil, openings: Mapping[str, dict[str, Any]]
-) -> dict[str, Any]:
+def _document(listing: Listing, found: Layout, pupil: Pupil, openings: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """The instrument file as plain data."""
     glasses: dict[str, str | float] = {}
     spaces: dict[str, str] = {}
@@ -237,7 +258,8 @@ def _frames(found: Layout, openings: Mapping[str, dict[str, Any]]) -> list[dict[
         if gap is None:
             frames.append({
                 "name": f"from_{surface.name}", "before": surface.before,
-                "shift_mm": [_tidy(v) for v in surface.origin], "rotate_deg": _angles_of(surface.axes), "surface": [entry],
+                "shift_mm": [_tidy(v) for v in surface.origin], "rotate_deg": _angles_of(surface.axes),
+                "surface": [entry],
             })  # fmt: skip
         else:
             frames[-1]["surface"][-1]["thickness_mm"] = _tidy(gap)

@@ -89,7 +89,9 @@ def _model(glass: Glass, listing: Listing, line: int) -> float:
     if glass.abbe:
         slope = (glass.index - 1.0) / glass.abbe / (F_LINE**-2 - C_LINE**-2)
     index = glass.index + slope * (nm**-2 - D_LINE**-2)
-    text = f"constant index {index:.7f} at {nm:g} nm, from {glass.index:g} and Abbe number {glass.abbe or 0:g} by Cauchy"
+    text = (
+        f"constant index {index:.7f} at {nm:g} nm, from {glass.index:g} and Abbe number {glass.abbe or 0:g} by Cauchy"
+    )
     listing.remark("substituted", line, glass.name, text)
     return round(index, 12)
 

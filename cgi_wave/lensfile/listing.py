@@ -12,7 +12,7 @@ from cgi_wave.errors import InputError
 from cgi_wave.optics.system import rotation
 
 Array = NDArray[np.float64]
-What = Literal["substituted", "dropped", "ignored"]
+What = Literal["substituted", "dropped", "ignored", "beware"]
 
 #: Millimetres per unit of length.
 UNITS = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
@@ -23,7 +23,8 @@ class Remark:
     """One difference between the file and the instrument made of it.
 
     what: "substituted" (something else stands there), "dropped" (it had a meaning that is not carried over), "ignored"
-    (it has no optical meaning); line of the file, 0 for something that is not in it; keyword, and the sentence.
+    (it has no optical meaning), "beware" (it is carried over, and yet something will not be as expected); line of the
+    file, 0 for something that is not in it; keyword, and the sentence.
     """
 
     what: What
@@ -48,7 +49,7 @@ class Move:
     turn_first: bool = False
 
     def matrices(self) -> tuple[Array, Array]:
-        """Rotation (3, 3; columns are the new axes in the old ones) and the shift (3,) of the origin in the old ones."""
+        """Rotation (3, 3; columns are the new axes in the old ones) and shift (3,) of the origin in the old ones."""
         shift = np.array(self.shift)
         if not self.turn_first:
             return rotation(self.angles), shift

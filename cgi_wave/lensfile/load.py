@@ -58,9 +58,9 @@ def import_lens(
     """Read a Zemax (.zmx) or CODE V (.seq) sequential lens file.
 
     glasses: catalogue page "shelf/book/page" or constant index by the name of a glass in the file; they win over the
-    file's own catalogue. primary_only: import the reference wavelength alone, as model glasses need. keep_stop: keep a stop in the air as
-    a surface of its own although there are mirrors (the nominal path can be traced, but light that crosses the stop's
-    plane again is not found by a search of paths).
+    file's own catalogue. primary_only: import the reference wavelength alone, as model glasses need. keep_stop: keep a
+    stop in the air as a surface of its own although there are mirrors (the nominal path can be traced, but light that
+    crosses the stop's plane again is not found by a search of paths).
 
     Raises InputError, with the line and keyword, for whatever would bend light in a way that an instrument file has no
     words for, and for glasses that name no single page.

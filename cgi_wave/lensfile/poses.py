@@ -19,8 +19,8 @@ TURNED = np.diag([-1.0, 1.0, -1.0])
 
 @dataclass
 class Placed:
-    """A surface of the instrument: its name, row, pose (columns of ``axes`` and ``origin`` mm in the world) with z along
-    the light that meets it first, curvature and conic there, spaces before and behind it ("" for nothing).
+    """A surface of the instrument: its name, row, pose (columns of ``axes`` and ``origin`` mm in the world) with z
+    along the light that meets it first, curvature and conic there, spaces before and behind it ("" for nothing).
 
     flipped: the file's own axes are turned by half a turn about y.
     """

@@ -15,12 +15,16 @@ from cgi_wave.lensfile.zmx import read_text
 _UNITS = {"M": "mm", "MM": "mm", "C": "cm", "CM": "cm", "I": "in", "IN": "in"}
 #: Statements without optical meaning: labels, couplings of the optimiser, weights, remarks, plots.
 _SILENT = frozenset(
-    "LEN TIT INI CCY CUC CCX THC GLC KC ADC BDC CDC XDC YDC ZDC AC BC CC DC EC CCF SLB WTF WTX WTY DER CLS POL GO LIS FIO "
-    "OUT CUM THM CA TOL DLR DLT DLF DLN DLA DLB PFX CRA VIE DRA RSI CNT IMP WID RAT INC GL2 GLX REM".split()
+    (
+        "LEN TIT INI CCY CUC THC GLC KC ADC BDC CDC XDC YDC ZDC AC BC CC DC EC CCF SLB WTF WTX WTY DER CLS POL GO LIS "
+        "FIO OUT CUM THM CA TOL DLR DLT DLF DLN DLA DLB VIE DRA RSI REM"
+    ).split()
 )
 _SOLVES = ("PIM", "PIK", "RED", "HMY", "UMY", "IMY", "ITY")
 _ASPHERES = ("A", "B", "C", "D", "E", "F", "G", "H", "J", "CUF")
-_BENDS = frozenset("XTO YTO CYL SPL SPS GRT DIF HOE DOE ZRN BIF LEA GRI AAS CUX AAP NSS LUM INT THG QBF QCN SCO".split())
+_BENDS = frozenset(
+    "XTO YTO CYL SPL SPS GRT DIF HOE DOE ZRN BIF LEA GRI AAS CUX AAP NSS LUM INT THG QBF QCN SCO".split()
+)
 _FIELDS = {"XAN": ("angle", 0), "YAN": ("angle", 1), "XIM": ("height", 0), "YIM": ("height", 1)}
 _VIGNETTING = ("VUX", "VLX", "VUY", "VLY")
 
@@ -120,7 +124,9 @@ class _Reader:
         elif not self.of_surface(line, key, rest) and short not in _SILENT:
             if self.rows and key in _BENDS:
                 problem = f"of surface {self.rows[-1].number} is not supported"
-                self.listing.refuse(line, key, " ".join(rest), problem, "only spheres, conics and planes have a counterpart")
+                self.listing.refuse(
+                    line, key, " ".join(rest), problem, "only spheres, conics and planes have a counterpart"
+                )
             if self.rows:
                 self.listing.refuse(line, key, " ".join(rest), "is an unknown statement among the surfaces",
                                     "remove it if it has no optical meaning")  # fmt: skip

@@ -1,7 +1,7 @@
 """Zemax sequential files (.zmx): text of keyword lines, surfaces in blocks that begin with SURF.
 
-Angles of coordinate breaks are right-handed here as in our own frames. That was decided from a published file whose image
-is decentred to where the chief ray lands, and is checked in validation/listings.py.
+Angles of coordinate breaks are right-handed, as in our own frames. Peers disagree on that; a published file whose image
+is decentred to where its chief ray lands decides it (validation/listings.py).
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ from cgi_wave.lensfile.listing import UNITS, Field, Glass, Listing, Move, Openin
 
 #: Keywords of a surface without any optical meaning here.
 _SILENT = frozenset(
-    "FIMP HIDE MIRR SLAB POPS MEMA COMM TYPE DRAW RSCE RWRE SDRW SHAD LSTP COFN TOLE FLOA MAZH VCON VPAR VDSZ VCUR COMH "
-    "FFRA OEMA HDEL ZTYP GCOL SAGG STOR LAYO TAPR EXTN USER MAGN TRNS NETV PRAM DATA".split()
+    (
+        "FIMP HIDE MIRR SLAB POPS MEMA COMM DRAW RSCE RWRE TOLE MAZH VCON VPAR VDSZ VCUR OEMA HDEL ZTYP GCOL SAGG EXTN "
+        "COMH"
+    ).split()
 )
 #: Keywords outside surfaces without any optical meaning here.
 _HEAD = frozenset(
-    "VERS MODE NOTE PFIL LANG ENVD GFAC RAIM PUSH SDMA OMMA ROPD HYPR PICB POLS GLRS GSTD NSCD COFN BLNK MNUM MOFF TOL "
-    "TOLC PWAV SURF NAME UNIT FTYP XFLN YFLN FWGN ANAN VANN ZVAN ZVCX GCAT WAVM WAVL WAVN WWGT WWGN DMFS REAX REAY TRAC "
-    "TRCX TRCY TTHI TRAD MERI FCHY FCHX RDIA CVFY SYSP CONF PEAR COHE SCPA HEAP PATH CREA OPDX SAFE GLRL MCOG AFOC".split()
+    (
+        "VERS MODE NOTE PFIL LANG ENVD GFAC RAIM PUSH SDMA OMMA ROPD HYPR PICB POLS GLRS GSTD NSCD COFN BLNK MNUM MOFF "
+        "TOL PWAV NAME UNIT FTYP XFLN YFLN FWGN VANN ZVAN GCAT WAVM DMFS REAX REAY TRAC TRAD MERI RDIA COHE SCPA"
+    ).split()
 )
 _APERTURES = {"ENPD": "diameter", "FNUM": "f-number", "FLOA": "stop"}
 #: Kinds of surface that are their conic if all parameters beyond are 0.
@@ -62,7 +65,7 @@ def read(path: Path, text: str | None = None) -> Listing:
     waves: list[tuple[int, float, float]] = []
     blocks: list[_Block] = []
     unknown: dict[str, int] = {}
-    inside = False
+    inside = False  # the lines of a surface are indented
     for line, content in enumerate((read_text(path) if text is None else text).splitlines(), 1):
         words = content.split()
         if not words:
@@ -120,9 +123,7 @@ def _scale(listing: Listing, head: dict[str, tuple[int, list[str]]]) -> float:
     return UNITS[unit]
 
 
-def _read_head(
-    listing: Listing, head: dict[str, tuple[int, list[str]]], waves: list[tuple[int, float, float]]
-) -> None:
+def _read_head(listing: Listing, head: dict[str, tuple[int, list[str]]], waves: list[tuple[int, float, float]]) -> None:
     scale = _scale(listing, head)
     mode = head.get("MODE", (0, ["SEQ"]))
     if mode[1][:1] != ["SEQ"]:
@@ -139,12 +140,12 @@ def _read_head(
                 listing.remark("substituted", line, key, "working F-number taken as that of an infinite object")
             listing.aperture = (kind, value * (scale if kind == "diameter" else 1.0))
     kind_line, kind_words = head.get("FTYP", (0, ["0"]))
-    kind = int(kind_words[0])
-    if kind not in (0, 2):
+    field_kind = int(kind_words[0])
+    if field_kind not in (0, 2):
         names = {1: "object height", 3: "real image height"}
-        listing.refuse(kind_line, "FTYP", names.get(kind, kind), "is a field of another kind",
+        listing.refuse(kind_line, "FTYP", names.get(field_kind, field_kind), "is a field of another kind",
                        "give fields as angles (FTYP 0) or paraxial image heights (FTYP 2)")  # fmt: skip
-    listing.heights = kind == 2
+    listing.heights = field_kind == 2
     count = int(kind_words[2]) if len(kind_words) > 2 and int(kind_words[2]) > 0 else 1
     unit = scale if listing.heights else 1.0
 
