@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import re
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path as File
@@ -106,6 +107,14 @@ def load(file: File, asphere: tuple[str, float] | None = None) -> Lens:
         surface = system.surfaces[system.number[asphere[0]]]
         bent = (asphere[0], surface.curvature * MM, surface.conic, asphere[1])
     return Lens(imported, system, make_path(system, imported.path.steps), bent)
+
+
+def load_text(text: str, asphere: tuple[str, float] | None = None) -> Lens:
+    """``load`` from the text of a CODE V file."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = File(folder) / "lens.seq"
+        file.write_text(text, encoding="utf-8")
+        return load(file, asphere)
 
 
 def facet(lens: Lens, x: float, y: float) -> OpticalSystem:
@@ -232,3 +241,33 @@ def _stop(lens: Lens) -> str:
         if surface.nominal == "transmit" and lens.system.glasses[surface.before] == lens.system.glasses[surface.after]:
             return name
     raise ValueError("no stop")
+
+
+def opd(lens: Lens, field: dict[str, Any], radius: float, tangent: Array) -> Array:
+    """Wave aberration of the rays of a fan, in waves, by CODE V's sign: chief less ray (F,).
+
+    About the end of the chief ray, on a sphere through the exit pupil, which is where chief rays of neighbouring fields
+    cross. Which sphere a listing takes it does not print.
+    """
+    start = chief(lens, tangent)
+    middle = follow(lens, start, tangent)
+    along = across = 0.0
+    for step in np.eye(2) * 1e-4:
+        a, b = (follow(lens, chief(lens, tangent + s * step), tangent + s * step) for s in (1, -1))
+        ends = a["end"] - b["end"]
+        slopes = a["direction"][:2] / a["direction"][2] - b["direction"][:2] / b["direction"][2]
+        along, across = along + ends @ slopes, across + slopes @ slopes
+    sphere = along / across / middle["direction"][2]
+    found = []
+    for x, y, *_ in field["fan"]:
+        ray = follow(lens, start + np.array([x, y]) * radius, tangent)
+        end, d = np.append(ray["end"] - middle["end"], 0.0), ray["direction"]
+        back = end @ d + np.sign(sphere) * np.sqrt(sphere**2 - end @ end + (end @ d) ** 2)
+        found.append(((middle["opl"] - sphere) - (ray["opl"] - back)) * MM * lens.system.sigma0)
+    return np.array(found)
+
+
+def tangent_of(field: dict[str, Any]) -> Array:
+    """Tangents of a field: its angles are round numbers of degrees, their printed tangents have six digits."""
+    exact: Array = np.tan(np.radians(np.round(np.degrees(np.arctan(field["tangent"])), 3)))
+    return exact
