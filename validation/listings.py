@@ -3,8 +3,8 @@
     uv run --group validation python validation/listings.py [--json] [--lenses DIR]
     uv run --group validation python validation/listings.py --extract FILE.lis --radius MM
 
-* CODE V's single-ray listings of a double Gauss and of a tilted three-mirror telescope, every ray, every printed figure.
-  The lenses are imported from their prescriptions, so that the import is checked with the tracer.
+* CODE V's single-ray listings of a double Gauss and of a tilted three-mirror telescope, every ray, every figure. The
+  lenses are imported from their prescriptions, so that the import is checked with the tracer.
 * Zemax's ghost-focus listing of its Cooke triplet.
 * If installed (``uv run --group validation --with optiland --with rayoptics …``): every two-reflection ghost of a
   Cooke triplet and of a double Gauss beside optiland's sequences, and imported lens files beside optiland and
@@ -209,12 +209,12 @@ def lines(result: dict[str, Any]) -> list[str]:
         out.append(f"  OPD: {part['opd_agree']} of {part['opd_figures']} within 0.001 waves, "
                    f"worst {part['opd_worst_waves']:.4f}")  # fmt: skip
         if "least_worst_units" in part:
-            out.append(f"  with the {part['values_of_the_prescription']} rounded values of the prescription free within "
-                       f"half a digit: {part['least_worst_units']:.3f}")  # fmt: skip
+            out.append(f"  with the {part['values_of_the_prescription']} rounded values of the prescription free "
+                       f"within half a digit: {part['least_worst_units']:.3f}")  # fmt: skip
     zemax = result["zemax"]
     shift = ", ".join(f"{glass} {value:+.1e}" for glass, value in zemax["index_shift"].items())
-    out.append(f"Zemax, Cooke ghost 2-1: {zemax['figures']} figures, worst {zemax['worst_units']:.2f} units of the last "
-               f"digit, {zemax['f_numbers_apart_worst_units']:.2f} without F-numbers, "
+    out.append(f"Zemax, Cooke ghost 2-1: {zemax['figures']} figures, worst {zemax['worst_units']:.2f} units of the "
+               f"last digit, {zemax['f_numbers_apart_worst_units']:.2f} without F-numbers, "
                f"{zemax['worst_units_fitted']:.2f} with indices changed by {shift}")  # fmt: skip
     others = result["peers"]
     out.append(

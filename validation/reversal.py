@@ -171,9 +171,9 @@ def random_lens(seed: int) -> OpticalSystem:
     faces = []
     for k, after in enumerate(("g1", "gap", "g2", "back")):
         faces.append({
-            "name": f"F{k}", "after": after, "shape": "conic", "radius_mm": float(r.choice([-1, 1]) * r.uniform(60, 200)),
-            "conic": float(r.uniform(-1.5, 0.5)), "thickness_mm": float(r.uniform(4, 9)) if k < 3 else 60.0,
-            "coating": "bare", "aperture": {"radius_mm": 8.0}, "tilt_deg": r.uniform(-2, 2, 3).tolist(),
+            "name": f"F{k}", "after": after, "shape": "conic", "conic": float(r.uniform(-1.5, 0.5)), "coating": "bare",
+            "radius_mm": float(r.choice([-1, 1]) * r.uniform(60, 200)), "aperture": {"radius_mm": 8.0},
+            "thickness_mm": float(r.uniform(4, 9)) if k < 3 else 60.0, "tilt_deg": r.uniform(-2, 2, 3).tolist(),
             "decentre_mm": r.uniform(-0.3, 0.3, 2).tolist(),
         })  # fmt: skip
     faces.append({"name": "image", "after": "", "nominal": "absorb", "aperture": {"half_width_mm": [500.0, 500.0]}})
@@ -283,9 +283,8 @@ def main() -> None:
         for key, unit in (("position_m", " m"), ("direction", ""), ("opl_m", " m"), ("power", ""), ("etendue", "")):
             print(f"  {key.removesuffix('_m'):10s} {part[key]:.1e}{unit}  ({part[key + '_of']})")
     light = result["energy"]
-    print(
-        f"energy: {light['branches']} branches of two plates, missing {light['missing']:.1e}, bound {light['bound']:.1e}"
-    )
+    print(f"energy: {light['branches']} branches of two plates, {light['cut']:.1e} not followed, "
+          f"missing {light['missing']:.1e}")  # fmt: skip
 
 
 if __name__ == "__main__":

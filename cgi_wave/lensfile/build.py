@@ -19,6 +19,8 @@ from cgi_wave.rays.trace import compile_sequence, trace, trace_with_derivatives
 ROOM = 0.02
 #: Until its aperture is known a surface has this one, mm: too small to cross its neighbours.
 TINY = 1e-6
+#: Surfaces farther than this (mm) before the first one may shade it.
+SHADOW = 1e-6
 #: Half width (mm) of the image if no ray says more, and pixel of the stand-in detector, µm.
 LEAST, PIXEL = 0.05, 10.0
 #: Rays of a field that trace an aperture: the rim of the pupil and its centre.
@@ -60,6 +62,11 @@ def build(
     system = from_document(_document(listing, chosen, pupil, openings), listing.file).band("design")
     path = make_path(system, chosen.steps)  # type: ignore[arg-type]
     _check_search(listing, system, path)
+    first, *others = chosen.surfaces
+    shadows = [s.name for s in others if s.origin[2] < first.origin[2] - SHADOW]
+    if shadows:
+        text = f"{', '.join(shadows)} before {first.name}: light starts behind, as in the file, and sees no shadow"
+        listing.remark("beware", 0, "order", text)
     return _document(listing, chosen, pupil, openings), path, chosen.numbers
 
 
@@ -215,7 +222,8 @@ def _document(listing: Listing, found: Layout, pupil: Pupil, openings: Mapping[s
     wavelengths = sorted(set(listing.wavelengths))
     width = openings.get("image", {"half_width_mm": [LEAST, LEAST]})["half_width_mm"]
     columns, rows = (max(2, int(np.ceil(2 * w * 1000 / PIXEL))) for w in width)
-    nearest = min(float(s.origin[2]) for s in found.surfaces)
+    # Light starts before the surface that the file names first; what else stands before it is told in a remark.
+    nearest = float(found.surfaces[0].origin[2])
     deepest = max((o.get("radius_mm") or max(o["half_width_mm"]) for o in openings.values()), default=1.0)
     back = max(float(pupil.centre[2]) - min(nearest, 0.0), 0.0) + deepest + 10.0
     primary = listing.wavelengths[listing.primary]
