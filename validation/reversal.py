@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -76,8 +77,7 @@ def reversed_system(system: OpticalSystem) -> OpticalSystem:
 
 def beam(system: OpticalSystem, path: Path, x0: Array) -> tuple[Array, Array]:
     """Pupil points and directions (N, 2) of rays of a ghost that reach a detector point inside all apertures."""
-    nominal = [p for p in find_nominal(system) if p.order == 0][0]
-    theta = nominal_direction(system, nominal, x0)
+    theta = nominal_direction(system, find_nominal(system)[0], x0)
     sequence = compile_sequence(system, path, system.sigma0)
     rays = rays_to_point(system, path, x0, np.array([system.sigma0]), theta)
     lit = np.flatnonzero((rays.clearance[:, 0] > 0).all(axis=0))
@@ -91,14 +91,10 @@ def beam(system: OpticalSystem, path: Path, x0: Array) -> tuple[Array, Array]:
     return p[ok], aimed.theta[ok]
 
 
-_NOMINAL: dict[int, tuple[Path, ...]] = {}
-
-
+@lru_cache(maxsize=8)
 def find_nominal(system: OpticalSystem) -> tuple[Path, ...]:
     """Nominal paths, searched once per system."""
-    if id(system) not in _NOMINAL:
-        _NOMINAL[id(system)] = find_paths(system, max_order=0, max_splits=0)
-    return _NOMINAL[id(system)]
+    return find_paths(system, max_order=0, max_splits=0)
 
 
 def there_and_back(system: OpticalSystem, back: OpticalSystem, path: Path, p: Array, theta: Array) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cgi_wave.errors import EmptyBeamError
-from cgi_wave.lensfile.listing import Array, Listing
+from cgi_wave.lensfile.listing import Array, Listing, Remark
 from cgi_wave.lensfile.poses import Layout, Placed, layout
 from cgi_wave.optics.system import MM, OpticalSystem, from_document
 from cgi_wave.rays.paths import Path, find_paths, make_path
@@ -21,6 +21,8 @@ ROOM = 0.02
 TINY = 1e-6
 #: Surfaces farther than this (mm) before the first one may shade it.
 SHADOW = 1e-6
+#: A solve is fulfilled within this, mm.
+SOLVED = 1e-6
 #: Half width (mm) of the image if no ray says more, and pixel of the stand-in detector, µm.
 LEAST, PIXEL = 0.05, 10.0
 #: Rays of a field that trace an aperture: the rim of the pupil and its centre.
@@ -44,6 +46,8 @@ def build(
     full = layout(listing, given, keep=True)
     before = len(listing.remarks)
     system, path = _resolve(listing, full, None, {})
+    if listing.solve and _solved(listing, full, system, path):
+        return build(listing, given, keep_stop)
     pupil = _pupil(listing, full, system, path)
     openings = _openings(listing, full, system, path, pupil)
     mirrors = [surface.name for surface in full.surfaces if surface.act == "reflect"]
@@ -68,6 +72,36 @@ def build(
         text = f"{', '.join(shadows)} before {first.name}: light starts behind, as in the file, and sees no shadow"
         listing.remark("beware", 0, "order", text)
     return _document(listing, chosen, pupil, openings), path, chosen.numbers
+
+
+def _solved(listing: Listing, found: Layout, system: OpticalSystem, path: Path) -> bool:
+    """Settle the solve for the paraxial image: whether the distance before the image had to be changed for it."""
+    assert listing.solve is not None
+    (line, defocus), listing.solve = listing.solve, None
+    if not _has_axis(found):
+        listing.remark("substituted", line, "PIM", "solve in a lens without an axis: the value in the file is kept")
+        return False
+    ray = trace_with_derivatives(compile_sequence(system, path, system.sigma0), np.zeros((1, 2)), np.zeros(2), "p")
+    height, slope = ray.dx[0][0, 0], ray.dq[0][0, 0]
+    # Light goes along -z after an odd number of mirrors, and distances along it are negative.
+    way = (-1.0) ** sum(row.medium == "mirror" for row in listing.rows)
+    wrong = -height / slope / MM + way * defocus if slope else np.inf
+    if abs(wrong) < SOLVED:
+        listing.remark("substituted", line, "PIM", "solve replaced by the value in the file, which fulfils it")
+        return False
+    if not np.isfinite(wrong):
+        listing.refuse(line, "PIM", wrong, "has no focus to find", "give the distance before the image")
+    before = listing.rows[-2]
+    listing.rows[-2] = before.with_(thickness=before.thickness + way * wrong)
+    text = f"solve: distance before the image set to {listing.rows[-2].thickness:.9g} mm"
+    listing.remarks = [*listing.remarks, Remark("substituted", line, "PIM", text)]
+    return True
+
+
+def _has_axis(found: Layout) -> bool:
+    """Whether all surfaces stand square on one line along z."""
+    square = all(abs(abs(s.axes[2, 2]) - 1.0) < 1e-12 for s in found.surfaces)
+    return square and all(np.abs(s.origin[:2]).max() < 1e-12 for s in found.surfaces)
 
 
 def _check_search(listing: Listing, system: OpticalSystem, path: Path) -> None:
@@ -217,7 +251,7 @@ def _document(listing: Listing, found: Layout, pupil: Pupil, openings: Mapping[s
     coating["mirror"] = {"reflectance": 1.0, "transmittance": 0.0, "reflect_phase_deg": 180.0}
     angles = np.abs(np.array(_angles(listing, pupil)))
     half = np.degrees(np.arcsin(angles.max(axis=0)))
-    if found.surfaces and all(np.allclose(s.axes[:, 2], [0, 0, s.axes[2, 2]]) for s in found.surfaces):
+    if _has_axis(found):
         half[:] = half.max()  # a lens with an axis is meant for fields all round it
     wavelengths = sorted(set(listing.wavelengths))
     width = openings.get("image", {"half_width_mm": [LEAST, LEAST]})["half_width_mm"]

@@ -126,7 +126,8 @@ class Listing:
     """A lens file in short. Rows run from the object to the image.
 
     aperture: kind ("diameter", "f-number", "na", "stop") and its value (mm or a number). fields: angles in degrees, or
-    paraxial image heights in mm if ``heights``. wavelengths in nm, ``primary`` the number of the reference one.
+    paraxial image heights in mm if ``heights``. wavelengths in nm, ``primary`` the number of the reference one. solve:
+    the image stands by a solve (line) at the paraxial focus, and this much (mm) behind it.
     """
 
     file: str
@@ -137,6 +138,7 @@ class Listing:
     heights: bool = False
     wavelengths: list[float] = field(default_factory=list)
     primary: int = 0
+    solve: tuple[int, float] | None = None
     remarks: list[Remark] = field(default_factory=list)
 
     def remark(self, what: What, line: int, keyword: str, text: str) -> None:

@@ -20,7 +20,7 @@ _SILENT = frozenset(
         "FIO OUT CUM THM CA TOL DLR DLT DLF DLN DLA DLB VIE DRA RSI REM"
     ).split()
 )
-_SOLVES = ("PIM", "PIK", "RED", "HMY", "UMY", "IMY", "ITY")
+_SOLVES = ("PIK", "RED", "HMY", "UMY", "IMY", "ITY")
 _ASPHERES = ("A", "B", "C", "D", "E", "F", "G", "H", "J", "CUF")
 _BENDS = frozenset(
     "XTO YTO CYL SPL SPS GRT DIF HOE DOE ZRN BIF LEA GRI AAS CUX AAP NSS LUM INT THG QBF QCN SCO".split()
@@ -119,6 +119,8 @@ class _Reader:
             self.fields[key] = [self.number(line, key, word) for word in rest]
         elif key in ("XOB", "YOB", "XRI", "YRI"):
             self.listing.refuse(line, key, " ".join(rest), "are fields of another kind", "give angles XAN, YAN")
+        elif short == "PIM":
+            self.listing.solve = (line, 0.0)
         elif short in _SOLVES or (short == "THI" and any(word.upper() in _SOLVES for word in rest)):
             self.listing.remark("substituted", line, key, "solve or pickup replaced by the value that the file gives")
         elif not self.of_surface(line, key, rest) and short not in _SILENT:
@@ -240,6 +242,8 @@ class _Reader:
             opening = _opening(listing, row, self.holes.get(k, {}), s)
             rows.append(row.with_(curvature=row.curvature / s, thickness=row.thickness * s, opening=opening))
         image = rows[-1]
+        if listing.solve:
+            listing.solve = (listing.solve[0], image.thickness)
         if image.thickness:
             # CODE V keeps its defocus as the image's thickness, along the axis before the image's own tilt.
             rows[-2] = rows[-2].with_(thickness=rows[-2].thickness + image.thickness)

@@ -86,13 +86,11 @@ def test_a_change_of_axes_is_undone(tmp_path, name):
         def change(n, values):
             return surface(n, "TYPE COORDBRK", *(f"PARM {k + 1} {v}" for k, v in enumerate(values)), "DISZ 0")
 
-        text = "\n".join(
-            ["MODE SEQ", "ENPD 4", "UNIT MM", "GCAT SCHOTT", "WAVM 1 0.5875618 1"]
-            + surface(0, "TYPE STANDARD", "DISZ INFINITY") + change(1, (0.7, -0.4, 11, -7, 23, 0))
-            + surface(2, "TYPE STANDARD", "CURV 0.02", "DISZ 0", "GLAS N-BK7", "DIAM 3 1")
-            + change(3, (-0.7, 0.4, -11, 7, -23, 1))
-            + surface(4, "TYPE STANDARD", "DISZ 9", "DIAM 9 0") + surface(5, "TYPE STANDARD", "DISZ 0")
-        )  # fmt: skip
+        lines = ["MODE SEQ", "ENPD 4", "UNIT MM", "GCAT SCHOTT", "WAVM 1 0.5875618 1"]
+        lines += surface(0, "TYPE STANDARD", "DISZ INFINITY") + change(1, (0.7, -0.4, 11, -7, 23, 0))
+        lines += surface(2, "TYPE STANDARD", "CURV 0.02", "DISZ 0", "GLAS N-BK7", "DIAM 3 1")
+        lines += change(3, (-0.7, 0.4, -11, 7, -23, 1)) + surface(4, "TYPE STANDARD", "DISZ 9", "DIAM 9 0")
+        text = "\n".join(lines + surface(5, "TYPE STANDARD", "DISZ 0"))
     where = placed(imported(tmp_path, text, name))
     first = "S1" if name == "lens.seq" else "S2"
     assert abs(where[first][1][2]) < 0.99
@@ -249,6 +247,19 @@ def test_apertures_that_are_missing_are_traced(tmp_path):
     surfaces = imported(tmp_path, text).document["frame"][0]["surface"]
     expected = (2 + 20 * np.tan(np.radians(10))) * 1.02 + 0.05
     assert surfaces[1]["aperture"]["radius_mm"] == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_solve_for_the_paraxial_image_is_carried_out(tmp_path):
+    """Whatever distance the file gives, with the defocus on top; a mirror's distance is negative."""
+    for text in (
+        "S 50 4 NBK7_SCHOTT; STO; CIR 3\nS -50 {}; PIM; CIR 3\nSI 0 0.25\n",
+        "S -90 {} REFL; CIR 3; PIM\nSI 0 -0.25\n",
+    ):
+        sign = -1.0 if "REFL" in text else 1.0
+        found = imported(tmp_path, HEAD + text.format(sign * 3.0))
+        assert focal_length(found)[1] == pytest.approx(-0.25, abs=1e-9)
+        assert any("distance before the image set to" in remark.text for remark in found.remarks)
+    assert placed(found)["image"][0][2] == pytest.approx(-45.25, abs=1e-9)
 
 
 def test_a_lens_in_its_own_way_is_said_to_be(tmp_path):
