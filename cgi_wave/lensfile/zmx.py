@@ -225,12 +225,11 @@ def _medium(listing: Listing, block: _Block, catalogues: tuple[str, ...]):  # ty
     name = words[0]
     if name.upper() == "MIRROR":
         return "mirror"
-    model = name.startswith("___") or (len(words) > 1 and words[1] in ("1", "2"))
-    if model:
+    if name.startswith("___"):
         if len(words) < 5:
             listing.refuse(line, "GLAS", " ".join(words), "is no glass", "give a glass by its name")
         index, abbe = (number(listing.file, line, "GLAS", word) for word in words[3:5])
-        return Glass(f"model{index:g}:{abbe:g}" if name.startswith("___") else name, index, abbe)
+        return Glass(f"model{index:g}:{abbe:g}", index, abbe)
     return Glass(name, catalogues=catalogues)
 
 

@@ -190,6 +190,17 @@ def test_glasses_mean_one_page_or_are_refused(tmp_path):
     assert (found[1] - 1) / (found[0] - found[2]) == pytest.approx(36.4, rel=1e-9)
 
 
+def test_model_glass_of_zemax(tmp_path):
+    """A model has index and Abbe number only: refused with two wavelengths, exact at the d line."""
+    text = (DATA / "import_tilted.zmx").read_text(encoding="utf-8")
+    text = text.replace("GLAS N-SF6 0 0 1.80518 25.36 0", "GLAS ___BLANK 1 0 1.62 36.4 0 1 1")
+    with pytest.raises(InputError, match="model glass"):
+        imported(tmp_path, text, "lens.zmx")
+    found = imported(tmp_path, text, "lens.zmx", primary_only=True)
+    assert 1.62 in found.document["glass"].values()
+    assert len(found.document["band"]["design"]["wavelengths_nm"]) == 1
+
+
 SEQ = "S 50 4 NBK7_SCHOTT; STO; CIR 3\nS -50 40; CIR 3\nSI 0 0\n"
 REFUSED = {
     "asphere": SEQ.replace("CIR 3\nS -50", "ASP; A 1E-6\nS -50"),
