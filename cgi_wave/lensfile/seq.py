@@ -71,6 +71,12 @@ class _Reader:
     def number(self, line: int, key: str, text: str) -> float:
         return number(self.listing.file, line, key, text)
 
+    def first(self, line: int, key: str, words: list[str]) -> float:
+        """The number that a statement needs."""
+        if not words:
+            self.listing.refuse(line, key, "", "lacks its value", "write a number behind it")
+        return self.number(line, key, words[0])
+
     def target(self, words: list[str]) -> tuple[int, list[str]]:
         """The surface that a statement is about (the current one if it names none), and what follows its name."""
         if words and re.fullmatch(r"[sS](\d+|O|I|o|i|\d*\.\.\d*)", words[0]):
@@ -104,14 +110,14 @@ class _Reader:
             self.unit = UNITS[_UNITS[unit]]
         elif short in ("EPD", "FNO", "NA"):
             kind = {"EPD": "diameter", "FNO": "f-number", "NA": "na"}[short]
-            self.listing.aperture = (kind, self.number(line, key, rest[0]))
+            self.listing.aperture = (kind, self.first(line, key, rest))
         elif key in ("NAO", "OBJ"):
             self.listing.refuse(line, key, " ".join(rest), "is an aperture of a near object", "give EPD, FNO or NA")
         elif short == "WL":
             self.listing.wavelengths = [self.number(line, key, word) for word in rest]
             self.waves_line = line
         elif short == "REF":
-            self.listing.primary = int(self.number(line, key, rest[0])) - 1
+            self.listing.primary = int(self.first(line, key, rest)) - 1
         elif short == "WTW":
             if len(set(rest)) > 1:
                 self.listing.remark("dropped", line, key, "weights of the wavelengths")
@@ -174,9 +180,7 @@ class _Reader:
             return True
 
         def value() -> float:
-            if not rest:
-                self.listing.refuse(line, key, "", "lacks its value", "write a number behind it")
-            return self.number(line, key, rest[0])
+            return self.first(line, key, rest)
 
         if short == "STO":
             return put(stop=True)
@@ -187,6 +191,8 @@ class _Reader:
         if short == "THI":
             return put(thickness=value())
         if short == "GLA":
+            if not rest:
+                self.listing.refuse(line, key, "", "lacks its value", "name a glass behind it")
             return put(medium=self.medium(line, rest[0]))
         if short == "RMD":
             return put(medium="mirror" if rest and rest[0].upper() == "REFL" else row.medium)
@@ -219,6 +225,8 @@ class _Reader:
 
     def hole(self, line: int, key: str, which: int, rest: list[str]) -> None:
         """A statement about a clear aperture."""
+        if not rest:
+            self.listing.refuse(line, key, "", "lacks its value", "write a number behind it")
         kinds = [word.upper() for word in rest[:-1]]
         if "OBS" in kinds or "HOL" in kinds:
             self.listing.refuse(line, key, " ".join(rest), f"blocks part of surface {which}",

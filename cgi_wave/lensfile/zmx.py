@@ -79,7 +79,7 @@ def read(path: Path, text: str | None = None) -> Listing:
         else:
             inside = False
             if key == "WAVM" and len(rest) >= 3:
-                waves.append((int(rest[0]), number(listing.file, line, key, rest[1]),
+                waves.append((int(number(listing.file, line, key, rest[0])), number(listing.file, line, key, rest[1]),
                               number(listing.file, line, key, rest[2])))  # fmt: skip
             elif key in _HEAD or key in _APERTURES or key[:2] in ("VD", "VC") or key == "OBNA":
                 head.setdefault(key, (line, rest))
@@ -99,19 +99,31 @@ def read(path: Path, text: str | None = None) -> Listing:
 def _surface_line(listing: Listing, block: _Block, line: int, key: str, rest: list[str]) -> None:
     """Keep a line of a SURF block, or refuse it."""
     if key == "PARM" and len(rest) >= 2:
-        block.parameters[int(rest[0])] = (line, number(listing.file, line, key, rest[1]))
+        block.parameters[int(number(listing.file, line, key, rest[0]))] = (
+            line,
+            number(listing.file, line, key, rest[1]),
+        )
     elif key in ("CURV", "DISZ", "GLAS", "CONI", "DIAM", "STOP", "TYPE", "COAT", "CLAP", "FLAP", "SQAP", "ELAP", "OBDC",
                  "OBSC", "SQOB", "ELOB", "UDAP", "UAPP"):  # fmt: skip
         block.words[key] = (line, rest)
     elif key in ("PZUP", "PPAR", "PKUP", "CPUP", "GPUP", "PCON", "SDPU"):
         listing.remark("substituted", line, key, f"surface {block.number}: pickup replaced by the value stored with it")
     elif key in ("XDAT", "XTRA", "SCBD", "GRAT", "BIRF", "XPAR"):
-        values = [word for word in rest[1:] if word.strip('"')]
-        if any(word not in ("0", "1") and float(word) != 0.0 for word in values):
+        # Behind its value an extra datum has solves and scales, which are not zero.
+        values = rest[1:] if key in ("SCBD", "BIRF") else rest[1:2]
+        if any(_nonzero(word) for word in values):
             block.words.setdefault(key, (line, rest))
     elif key not in _SILENT:
         remedy = "remove the line if it has no optical meaning, or make the surface a standard one"
         listing.refuse(line, key, " ".join(rest), f"is an unknown keyword of surface {block.number}", remedy)
+
+
+def _nonzero(word: str) -> bool:
+    """Whether a word is a number other than 0."""
+    try:
+        return float(word) != 0.0
+    except ValueError:
+        return False
 
 
 def _scale(listing: Listing, head: dict[str, tuple[int, list[str]]]) -> float:
