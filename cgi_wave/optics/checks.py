@@ -48,6 +48,11 @@ def check_document(document: InstrumentSpec, file: str) -> None:
         total = coating.reflectance + coating.transmittance
         if min(coating.reflectance, coating.transmittance) < 0 or total > 1 + 1e-12:
             refuse(f"coating.{name}", total, "is not 0 ≤ R, T and R + T ≤ 1", "mend reflectance or transmittance")
+        lobe = coating.scatter
+        if lobe and not (0.0 <= lobe.tis <= 0.5 and lobe.width > 0.0 and -8.0 <= lobe.slope <= 0.0):
+            problem = "is no scattering lobe"
+            refuse(f"coating.{name}.scatter", (lobe.tis, lobe.width, lobe.slope), problem,
+                   "give tis from 0 to 0.5, l above 0, s from -8 to 0")  # fmt: skip
     if document.detector.surface not in seen:
         refuse("detector.surface", document.detector.surface, "is no surface", "name the recording surface")
     if document.entrance.space not in document.space:

@@ -63,6 +63,15 @@ class FrameSpec(_Strict):
     start_mm: float = 0.0
 
 
+class ScatterSpec(_Strict):
+    """Harvey's lobe about the specular direction: the share ``tis`` of what is reflected or transmitted at normal
+    incidence goes as (1 + (|β − β0|/l)²)^(s/2), β in direction cosines."""
+
+    tis: float
+    width: float = msgspec.field(name="l")
+    slope: float = msgspec.field(name="s")
+
+
 class CoatingSpec(_Strict):
     """Power reflectance and transmittance, and the phases that the amplitudes take. ``bare``: Fresnel."""
 
@@ -71,6 +80,7 @@ class CoatingSpec(_Strict):
     reflect_phase_deg: float = 0.0
     transmit_phase_deg: float = 0.0
     bare: bool = False
+    scatter: ScatterSpec | None = None
 
 
 class EntranceSpec(_Strict):
