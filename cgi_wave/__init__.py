@@ -23,6 +23,11 @@ _HOME = {
     "rays_from_direction": "rays.beams",
     "rays_to_point": "rays.beams",
     "spot": "rays.beams",
+    # light walked through by lots
+    "flux": "rays.flux",
+    "from_direction": "rays.flux",
+    "from_field": "rays.flux",
+    "lambertian": "rays.flux",
     # pupil fields, contrasts, PSFs
     "HopkinsPair": "wave.hopkins",
     "contrast": "wave.methods.auto",

@@ -19,8 +19,8 @@ from cgi_wave.errors import InputError
 from cgi_wave.kernels import walk as kernel
 from cgi_wave.kernels.walk import GROUPS, SINGLE, SLICE, UNIT, walk_rays
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.ledger import Entry, Flux, Kind, Map, PathShare, errors, share
-from cgi_wave.rays.paths import MAX_DEPTH, _bounds
+from cgi_wave.rays.ledger import Entry, Flux, Kind, Map, PathShare, Share, errors, share
+from cgi_wave.rays.paths import MAX_DEPTH, Interaction, _bounds, make_path
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -63,6 +63,11 @@ def from_direction(theta: Array | tuple[float, float]) -> Source:
     return Source(kernel.DIRECTION, a, b, f"direction {a:g}, {b:g}")
 
 
+def from_degrees(angles: tuple[float, float]) -> Source:
+    """A distant point, by its angles about the pupil's axis in x and y, degrees. Raises InputError beyond a right angle."""
+    return from_direction((float(np.sin(np.radians(angles[0]))), float(np.sin(np.radians(angles[1])))))
+
+
 def from_field(system: OpticalSystem) -> Source:
     """A uniform scene over the declared field (``entrance.half_field_deg``)."""
     a, b = np.sin(np.radians(system.document.entrance.half_field_deg))
@@ -102,7 +107,9 @@ def flux(
     Raises InputError for values that make no walk.
     """
     if not 1 <= rays <= 10**12 or not 0 <= seed < 2**63:
-        raise InputError("flux", "rays, seed", (rays, seed), "are no numbers of rays and seed", "give rays ≥ 1, seed ≥ 0")
+        raise InputError(
+            "flux", "rays, seed", (rays, seed), "are no numbers of rays and seed", "give rays ≥ 1, seed ≥ 0"
+        )
     if not split > 0.0 or not 1 <= max_depth <= MAX_DEPTH or min(cells) < 1 or threads < 1:
         remedy = f"give split > 0, depth 1 to {MAX_DEPTH}, at least one cell and one thread"
         raise InputError("flux", "options", (split, max_depth, cells, threads), "make no walk", remedy)
@@ -214,22 +221,30 @@ def _result(
         for (kind, where), one, units in zip(places, every, sums.total, strict=False)
         if units
     ]
-    acts = ("", ":r", ":s", ":rs")
-    paths = []
-    for units, square, count, trail, order in sums.paths.values():
-        one = share(units, square, count, rays)
-        text = " ".join(surfaces[code // 4] + acts[code % 4] for code in trail)
-        paths.append(PathShare(one.share, one.error, one.count, text, order, any(code % 4 > 1 for code in trail)))
+    strongest = sorted(sums.paths.values(), key=lambda known: (-known[0], known[3]))[:kept]
+    paths = tuple(_path(system, share(units, square, count, rays), trail, order)
+                  for units, square, count, trail, order in strongest)  # fmt: skip
     arrived = dict(zip(ARRIVED, every[len(places) :], strict=True))
     named = sum(known[0] for known in sums.paths.values())
     lost = sum(sums.total[len(places) :]) - named
     return Flux(
         system.instrument, system.band, source.name, rays, seed, sigma, split, max_depth,
         tuple(sorted(entries, key=lambda e: (-e.units, e.kind, e.where))), arrived,
-        tuple(sorted(paths, key=lambda p: (-p.share, p.path))[:kept]), float(lost / (rays * UNIT)),
+        paths, float(lost / (rays * UNIT)),
         _map(system, rays, cells, sums), 1.0 / (np.pi * system.pupil_radius**2 * source.projected), sums.events,
         sums.total_reflections,
     )  # fmt: skip
+
+
+def _path(system: OpticalSystem, one: Share, trail: tuple[int, ...], order: int) -> PathShare:
+    """An arrival with its path in words; trail: 4·surface + event."""
+    names = [system.surfaces[code // 4].name for code in trail]
+    text = " ".join(name + ("", ":r", ":s", ":rs")[code % 4] for name, code in zip(names, trail, strict=True))
+    acts: tuple[Interaction, Interaction] = ("transmit", "reflect")
+    label = make_path(system, [(name, acts[code % 2]) for name, code in zip(names, trail, strict=True)]).label
+    dull = [name for name, code in zip(names, trail, strict=True) if code % 4 >= kernel.SCATTER]
+    label += f" scattered at {', '.join(dull)}" if dull else ""
+    return PathShare(one.share, one.error, one.count, text, label, order, bool(dull))
 
 
 def _map(system: OpticalSystem, rays: int, cells: tuple[int, int], sums: _Sums) -> Map:

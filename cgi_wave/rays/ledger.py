@@ -53,10 +53,11 @@ class PathShare(Share):
     """Light that arrived on the detector by one path.
 
     path: as ``str(Path)``; a scattering is written ``name:s`` (transmitted) or ``name:rs`` (reflected), and such a path
-    cannot be traced in sequence. order: parasitic reflections; scattered: whether it was scattered on the way.
+    cannot be traced in sequence. label: its parasitic history and arms (twins share one), and where it was scattered. order: parasitic reflections; scattered: whether it was scattered on the way.
     """
 
     path: str
+    label: str
     order: int
     scattered: bool
 
