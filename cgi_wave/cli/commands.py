@@ -168,9 +168,9 @@ def flux(
 ) -> None:  # fmt: skip
     """Show where the light of BAND goes.
 
-    Walks rays through the instrument by lots, without a list of paths: what the detector keeps, what surfaces absorb, what
-    is vignetted, what leaves the system, and by which paths light arrives; with standard errors. The light comes from
-    the declared field unless told otherwise. Powers add: interference is not in it.
+    Walks rays through the instrument by lots, without a list of paths: what the detector keeps, what surfaces absorb,
+    what is vignetted, what leaves the system, and by which paths light arrives; with standard errors. The light comes
+    from the declared field unless told otherwise. Powers add: interference is not in it.
     """
     if direction and lambertian is not None:
         raise InputError("command line", "--lambertian", lambertian, "stands beside --direction", "give one of them")

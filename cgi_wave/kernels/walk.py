@@ -356,7 +356,6 @@ def walk_rays(first, number, seed, source, pupil_radius, back_off, axes, centre,
             for k in range(3):
                 way[TRANSMIT, k] = ratio * ray[k] + g * normal[k]
                 way[REFLECT, k] = ray[k] - 2.0 * cosi * normal[k]
-            share = weight / UNIT
             part[:] = 0
             if split > UNIT or weight < 2 * split:
                 lot = _uniform(random)

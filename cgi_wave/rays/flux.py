@@ -1,7 +1,7 @@
-"""Light walked through the instrument by lots: a ledger of where it went, and an independent check of paths and powers.
+"""Light walked through the instrument by lots: a ledger of where it went, and a check of paths and powers.
 
-Nothing here knows a sequence of surfaces. What ``find_paths`` lists and ``trace`` weighs must come out again, within its
-standard errors, among the paths by which light is found to arrive.
+Nothing here knows a sequence of surfaces. What ``find_paths`` lists and ``trace`` weighs must come out again, within
+its standard errors, among the paths by which light is found to arrive.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def from_direction(theta: Array | tuple[float, float]) -> Source:
 
 
 def from_degrees(angles: tuple[float, float]) -> Source:
-    """A distant point, by its angles about the pupil's axis in x and y, degrees. Raises InputError beyond a right angle."""
+    """A distant point, by its angles from the pupil's axis in x and y, degrees. Raises InputError as before."""
     return from_direction((float(np.sin(np.radians(angles[0]))), float(np.sin(np.radians(angles[1])))))
 
 
@@ -101,8 +101,8 @@ def flux(
     At each surface the weight is divided by its coating (Fresnel for bare faces): a branch of at least ``split`` of the
     input ray is followed for itself, weaker ones are drawn by lot, with weights that conserve the power of every event.
     split = inf is the analog walk: one branch, drawn by its power, with all the weight. sigma: wavenumber, 1/m (the
-    band's σ0). cells: of the map, along y and x. kept: strongest paths returned. The result depends on seed and number of
-    rays, not on threads.
+    band's σ0). cells: of the map, along y and x. kept: strongest paths returned. The result depends on seed and number
+    of rays, not on threads.
 
     Raises InputError for values that make no walk.
     """
@@ -187,8 +187,8 @@ def _arguments(
     members, start = _bounds(system)
     both = np.ones((1, 2))
     film = np.full((len(surfaces), 2), -1)
-    scatter = [(s.coating.scatter.tis, s.coating.scatter.width, s.coating.scatter.slope) if s.coating.scatter else (0.0, 1.0, -2.0)
-               for s in surfaces]  # fmt: skip
+    lobes = [s.coating.scatter for s in surfaces]
+    scatter = [(lobe.tis, lobe.width, lobe.slope) if lobe else (0.0, 1.0, -2.0) for lobe in lobes]
     parasitic = np.array([int(s.nominal in ("transmit", "absorb")) for s in surfaces])
     det = system.document.detector
     half = 0.5 * np.array([det.columns, det.rows]) * system.pixel

@@ -1,4 +1,4 @@
-"""What a Monte-Carlo walk leaves behind: where the light went, how it lies on the detector, and by which paths it came."""
+"""What a Monte-Carlo walk leaves behind: where the light went, how it lies on the detector, by which paths it came."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SUMS: Mapping[str, tuple[Kind, ...]] = {
 
 @dataclass(frozen=True)
 class Share:
-    """A share of the light through the entrance pupil, its standard error, and the number of rays that had part in it."""
+    """A share of the light through the entrance pupil, its standard error, and how many rays had part in it."""
 
     share: float
     error: float
@@ -53,7 +53,8 @@ class PathShare(Share):
     """Light that arrived on the detector by one path.
 
     path: as ``str(Path)``; a scattering is written ``name:s`` (transmitted) or ``name:rs`` (reflected), and such a path
-    cannot be traced in sequence. label: its parasitic history and arms (twins share one), and where it was scattered. order: parasitic reflections; scattered: whether it was scattered on the way.
+    cannot be traced in sequence. label: its parasitic history and arms (twins share one), and where it was scattered.
+    order: parasitic reflections; scattered: whether it was scattered on the way.
     """
 
     path: str
@@ -84,10 +85,10 @@ class Flux:
     """Where the light went: the ledger of a Monte-Carlo walk. Interference is not in it: powers add.
 
     entries: the ledger, line by line, largest first. arrived: light that met the detector, before its own reflection,
-    by "nominal", "order 1", "order 2", "order 3 and more" and "scattered". paths: the strongest ways in. others: light that
-    came by paths too many to be kept apart. radiance: of the source, W/m² per unit of projected solid angle (area of
-    direction cosines) and W through the pupil; NaN for a single direction. rays, seed, sigma (1/m), split: what made it;
-    events: surfaces met; total_reflections: how often a coated face reflected all beyond the critical angle.
+    by "nominal", "order 1", "order 2", "order 3 and more" and "scattered". paths: the strongest ways in. others: light
+    that came by paths too many to be kept apart. radiance: of the source, W/m² per unit of projected solid angle (area
+    of direction cosines) and W through the pupil; NaN for a single direction. rays, seed, sigma (1/m), split: what made
+    it; events: surfaces met; total_reflections: how often a coated face reflected all beyond the critical angle.
     """
 
     instrument: str

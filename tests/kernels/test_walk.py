@@ -19,8 +19,8 @@ def stream(seed, number, count):
 
 
 def scatter_many(sine, width, slope, count=20_000):
-    """Offsets from the specular direction (N, 2) in direction cosines along and across the plane of incidence, NaN where
-    nothing is scattered, and shares (N,), at an incidence of the given sine."""
+    """Offsets from the specular direction (N, 2), in direction cosines along and across the plane of incidence, NaN
+    where nothing is scattered, and shares (N,), at an incidence of the given sine."""
     along = np.array([0.0, 0.8, -0.6])
     across = np.cross(NORMAL, along)
     ray = sine * along + np.sqrt(1 - sine**2) * NORMAL

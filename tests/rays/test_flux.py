@@ -1,4 +1,4 @@
-"""The Monte-Carlo walk: where light goes in systems with a closed form, exact sums, and the sequential tracer beside it."""
+"""The Monte-Carlo walk: where light goes in systems with a closed form, exact sums, the sequential tracer beside it."""
 
 import dataclasses
 
@@ -98,7 +98,7 @@ def test_paths_carry_what_the_sequential_tracer_says(system):
 
 @pytest.mark.parametrize("split", [1e-5, 0.02, 0.3, ANALOG])
 def test_the_ledger_closes_to_the_last_unit(split):
-    """Whatever the lots do: scattering, absorption, vignetting, a depth that cuts, weights that are no round numbers."""
+    """Whatever the lots do: scattering, absorption, vignetting, a depth that cuts, weights that are not round."""
     coating = {"reflectance": 0.21, "transmittance": 0.7, "scatter": {"tis": 0.07, "l": 0.02, "s": -1.6}}
     found = flux(plate(coating, aperture=3.0), 3 * SLICE + 7, split=split, max_depth=3, source=lambertian(20.0))
     assert found.imbalance == 0
@@ -138,8 +138,9 @@ def test_threads_and_slices_change_no_bit():
 def test_what_passes_outside_a_ring_is_vignetted_and_a_mask_absorbs():
     mask = surface("mask", "glass", 1.0, coating="black", nominal="absorb", aperture={"half_width_mm": [0.5, 8.0]})
     stop = surface("stop", "mid", 5.0, aperture=4.0)
+    black = {"reflectance": 0.0, "transmittance": 0.0}
     system = build([frame("all", "front", stop, mask | {"after": "mid"}, detector(), start_mm=20.0)],
-                   {"front": 1.0, "mid": 1.0}, coating={"black": {"reflectance": 0.0, "transmittance": 0.0}})  # fmt: skip
+                   {"front": 1.0, "mid": 1.0}, coating={"black": black})  # fmt: skip
     found = flux(system, 20_000, source=AHEAD)
     assert near(found.at("rim", "stop"), 1 - 16 / 25)
     half = np.arcsin(0.5 / 4)
@@ -178,7 +179,7 @@ def test_total_reflection_at_a_coated_face_sends_back_all_that_is_not_absorbed()
 
 
 def test_a_scattering_window_fills_the_detector_by_harveys_law():
-    """Share on a detector that takes in the sine σ: tis·[lobe(σ)/lobe(1)], and as much by one surface as by its path."""
+    """Share on a detector that takes in the sine 0.8: tis·lobe(0.8)/lobe(1); what is wider passes its rim."""
     tis, width, slope = 0.2, 0.05, -1.8
     window = surface("window", "back", 30.0, coating="dull", aperture=1000.0)
     record = surface("detector", "", aperture=40.0, nominal="absorb")
