@@ -3,6 +3,10 @@
 Lengths end in ``_mm``, ``_um`` or ``_nm`` and angles in ``_deg``; everything becomes SI when a band is resolved.
 A frame is a local axis system; its surfaces follow each other along its z with ``thickness_mm`` between vertices.
 Rotations are intrinsic, about x, then the new y, then the new z; positive is right-handed.
+
+A file describes one detector with its interferometer, or several channels that share a part of the surfaces. A band
+belongs to one channel; resolved for that band (``system.Instrument.band``) the document is that of a file with this
+channel alone.
 """
 
 from __future__ import annotations
@@ -10,13 +14,15 @@ from __future__ import annotations
 import math
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import msgspec
 
 from cgi_wave.errors import InputError
 
 Nominal = Literal["transmit", "reflect", "both", "absorb"]
+#: What a ``set`` table may write into a field of a surface or a frame.
+Setting = float | str | list[float]
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -145,22 +151,41 @@ class BandSpec(_Strict):
     target_opd_mm: float
     zone_columns: tuple[int, int] | None = None
     field_fraction: float = 0.8
-    set: dict[str, float | list[float]] = {}
+    channel: str | None = None
+    set: dict[str, Setting] = {}
 
 
-class InstrumentSpec(_Strict):
-    """A whole instrument file."""
+class ChannelSpec(_Strict):
+    """One of several channels: its detector and interferometer, and the values set for every one of its bands."""
+
+    detector: DetectorSpec | None = None
+    interferometer: InterferometerSpec | None = None
+    set: dict[str, Setting] = {}
+
+
+class FileSpec(_Strict):
+    """A whole instrument file: either ``detector`` (and ``interferometer``) or ``channel`` stands in it."""
 
     name: str
     entrance: EntranceSpec
-    detector: DetectorSpec
     frame: list[FrameSpec]
     band: dict[str, BandSpec]
     space: dict[str, str]
     coating: dict[str, CoatingSpec]
-    glass: dict[str, str | float] = {}
+    detector: DetectorSpec | None = None
     interferometer: InterferometerSpec | None = None
+    channel: dict[str, ChannelSpec] = {}
+    glass: dict[str, str | float] = {}
     notes: list[str] = []
+
+
+class InstrumentSpec(FileSpec):
+    """An instrument file resolved for one band: ``detector`` and ``interferometer`` are those of its channel."""
+
+    detector: DetectorSpec
+
+
+_Spec = TypeVar("_Spec", bound=FileSpec)
 
 
 def read_document(path: str | Path) -> dict[str, Any]:
@@ -178,10 +203,19 @@ def read_document(path: str | Path) -> dict[str, Any]:
     return document
 
 
-def convert(document: dict[str, Any], file: str) -> InstrumentSpec:
-    """Plain data to a checked ``InstrumentSpec``; InputError names the field that does not fit."""
+def convert(document: dict[str, Any], file: str) -> FileSpec:
+    """Plain data to a ``FileSpec`` of the right types; InputError names the field that does not fit."""
+    return _convert(document, FileSpec, file)
+
+
+def convert_resolved(document: dict[str, Any], file: str) -> InstrumentSpec:
+    """Plain data with one detector to an ``InstrumentSpec``; InputError names the field that does not fit."""
+    return _convert(document, InstrumentSpec, file)
+
+
+def _convert(document: dict[str, Any], kind: type[_Spec], file: str) -> _Spec:
     try:
-        return msgspec.convert(document, InstrumentSpec)
+        return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
         text = str(error)
         problem, _, where = text.partition(" - at `$")

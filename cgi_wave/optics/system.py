@@ -16,15 +16,18 @@ from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
 from cgi_wave.optics import glass
-from cgi_wave.optics.checks import check_document, check_geometry
+from cgi_wave.optics.checks import check_document, check_frames, check_geometry
 from cgi_wave.optics.schema import (
     BandSpec,
     CoatingSpec,
+    FileSpec,
     FrameSpec,
     InstrumentSpec,
     Nominal,
+    Setting,
     SurfaceSpec,
     convert,
+    convert_resolved,
     read_document,
 )
 
@@ -139,7 +142,7 @@ class Instrument:
     """A checked instrument file. ``band(name)`` resolves it."""
 
     file: str
-    document: InstrumentSpec
+    document: FileSpec
     raw: dict[str, Any]
 
     @property
@@ -157,7 +160,14 @@ class Instrument:
         """SHA-256 of the file's content (not of its spelling): first 16 hexadecimal digits."""
         return hashlib.sha256(json.dumps(self.raw, sort_keys=True).encode()).hexdigest()[:16]
 
-    def with_values(self, values: dict[str, float | list[float]], band: str | None = None) -> Instrument:
+    @property
+    def channels(self) -> dict[str, tuple[str, ...]]:
+        """Bands of each channel, in file order; ``{"": bands}`` for a file without channels."""
+        names = tuple(self.document.channel) or ("",)
+        return {name: tuple(b for b, spec in self.document.band.items() if (spec.channel or "") == name)
+                for name in names}  # fmt: skip
+
+    def with_values(self, values: dict[str, Setting], band: str | None = None) -> Instrument:
         """A new instrument with dotted fields replaced ("surface.field", "frame.field"), in one band or everywhere."""
         raw = copy.deepcopy(self.raw)
         if band is None:
@@ -171,8 +181,14 @@ class Instrument:
         if name not in self.document.band:
             raise InputError(self.file, "band", name, "is not in the file", f"choose from {', '.join(self.bands)}")
         raw = copy.deepcopy(self.raw)
-        _apply(raw, self.document.band[name].set, self.file, f"band.{name}.set")
-        document = convert(raw, self.file)
+        spec = self.document.band[name]
+        if spec.channel is not None:
+            channel = raw["channel"][spec.channel]
+            raw |= {part: channel[part] for part in ("detector", "interferometer") if part in channel}
+            _apply(raw, self.document.channel[spec.channel].set, self.file, f"channel.{spec.channel}.set")
+        _apply(raw, spec.set, self.file, f"band.{name}.set")
+        document = convert_resolved(raw, self.file)
+        check_frames(document, self.file)  # again: ``set`` may have written anything into them
         names = list(document.space)
         surfaces = tuple(_place(document, names))
         check_geometry(document, surfaces, self.file)
@@ -213,7 +229,7 @@ def _glass_page(document: InstrumentSpec, space: str, file: str) -> str | float:
     return document.glass[name]
 
 
-def _apply(raw: dict[str, Any], values: dict[str, float | list[float]], file: str, where: str = "set") -> None:
+def _apply(raw: dict[str, Any], values: dict[str, Setting], file: str, where: str = "set") -> None:
     """Write dotted values into plain data, in place."""
     targets: dict[str, dict[str, Any]] = {}
     for frame in raw["frame"]:
@@ -222,7 +238,8 @@ def _apply(raw: dict[str, Any], values: dict[str, float | list[float]], file: st
             targets[surface["name"]] = surface
     for dotted, value in values.items():
         name, _, field = dotted.partition(".")
-        if name not in targets or field not in (*SurfaceSpec.__struct_fields__, *FrameSpec.__struct_fields__):
+        known = {*SurfaceSpec.__struct_fields__, *FrameSpec.__struct_fields__} - {"name", "surface"}
+        if name not in targets or field not in known:
             raise InputError(
                 file, f"{where}.{dotted}", value, "names no surface or frame, or no field of one", "write surface.field"
             )
