@@ -157,7 +157,7 @@ def _film(knot, piece, first, last, u):
         else:
             high = middle
     step, p = u - knot[low], piece[low]
-    return ((p[0] * step + p[1]) * step + p[2]) * step + p[3]
+    return max(((p[0] * step + p[1]) * step + p[2]) * step + p[3], 0.0)
 
 
 @njit(**_JIT)
@@ -340,7 +340,8 @@ def walk_rays(first, number, seed, source, pupil_radius, back_off, axes, centre,
                 pt = 1.0 - pr
             elif f >= 0:
                 u = 1.0 - (cosa if n1 <= n2 else cost)
-                if u > knot[film_start[f + 1] - 1] or u < knot[film_start[f]] or disc < 0.0:
+                # Angles at the ends of the table may come out a rounding beyond them.
+                if u > knot[film_start[f + 1] - 1] + 1e-12 or u < knot[film_start[f]] - 1e-12:
                     known = _put(SINGLE + 3 * surfaces + s, weight, now, touched, known)
                     continue
                 pr = _film(knot, piece_r, film_start[f], film_start[f + 1], u)

@@ -28,6 +28,11 @@ def check_document(document: FileSpec, file: str) -> None:
         total = coating.reflectance + coating.transmittance
         if min(coating.reflectance, coating.transmittance) < 0 or total > 1 + 1e-12:
             refuse(f"coating.{name}", total, "is not 0 ≤ R, T and R + T ≤ 1", "mend reflectance or transmittance")
+        if coating.reverse is not None and coating.reverse not in document.coating:
+            refuse(f"coating.{name}.reverse", coating.reverse, "is an unknown coating",
+                   f"choose from {', '.join(document.coating)}")  # fmt: skip
+        if coating.table is not None and coating.bare:
+            refuse(f"coating.{name}.bare", True, "stands beside a table", "remove one of them")
         lobe = coating.scatter
         if lobe and not (0.0 <= lobe.tis <= 0.5 and lobe.width > 0.0 and -8.0 <= lobe.slope <= 0.0):
             problem = "is no scattering lobe"

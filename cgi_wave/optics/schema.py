@@ -19,6 +19,7 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from cgi_wave.errors import InputError
+from cgi_wave.optics.coatings import read_tables
 
 Nominal = Literal["transmit", "reflect", "both", "absorb"]
 #: What a ``set`` table may write into a field of a surface or a frame.
@@ -78,14 +79,38 @@ class ScatterSpec(_Strict):
     slope: float = msgspec.field(name="s")
 
 
+class TableSpec(_Strict):
+    """R and T over wavelength (rows) and angle of incidence (columns), here or in a CSV or NPZ ``file`` beside it.
+
+    Without T, T = 1 − R − ``absorptance``. ``_s`` and ``_p``: for each polarisation, in place of the plain ones.
+    """
+
+    file: str | None = None
+    wavelengths_nm: list[float] | None = None
+    angles_deg: list[float] | None = None
+    reflectance: list[list[float]] | None = None
+    transmittance: list[list[float]] | None = None
+    reflectance_s: list[list[float]] | None = None
+    reflectance_p: list[list[float]] | None = None
+    transmittance_s: list[list[float]] | None = None
+    transmittance_p: list[list[float]] | None = None
+    absorptance: float = 0.0
+
+
 class CoatingSpec(_Strict):
-    """Power reflectance and transmittance, and the phases that the amplitudes take. ``bare``: Fresnel."""
+    """Power reflectance and transmittance, and the phases that the amplitudes take.
+
+    ``bare``: Fresnel; ``table``: in place of the numbers; ``reverse``: the coating that light from behind (local +z)
+    meets, this one if not given; ``scatter``: what part of it is scattered.
+    """
 
     reflectance: float = 0.0
     transmittance: float = 1.0
     reflect_phase_deg: float = 0.0
     transmit_phase_deg: float = 0.0
     bare: bool = False
+    table: TableSpec | None = None
+    reverse: str | None = None
     scatter: ScatterSpec | None = None
 
 
@@ -199,6 +224,7 @@ def read_document(path: str | Path) -> dict[str, Any]:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(name, "file", name, f"is not TOML ({error})", "mend the line that is named") from error
+    read_tables(document, Path(path))
     _refuse_non_finite(name, "", document)
     return document
 

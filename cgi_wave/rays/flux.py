@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError
 from cgi_wave.kernels import walk as kernel
 from cgi_wave.kernels.walk import GROUPS, SINGLE, SLICE, UNIT, walk_rays
+from cgi_wave.optics.coatings import Film
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.ledger import Entry, Flux, Kind, Map, PathShare, Share, errors, share
 from cgi_wave.rays.paths import MAX_DEPTH, Interaction, _bounds, make_path
@@ -185,8 +186,11 @@ def _arguments(
     entrance = system.document.entrance
     axes, centre = system.pupil_frame()
     members, start = _bounds(system)
-    both = np.ones((1, 2))
-    film = np.full((len(surfaces), 2), -1)
+    faces = [[s.face(side) for side in (0, 1)] for s in surfaces]
+    films = {id(table): table for pair in faces for _, table in pair if table is not None}
+    number = {key: k for k, key in enumerate(films)}
+    film = np.array([[number.get(id(table), -1) for _, table in pair] for pair in faces])
+    tables = [table.film(sigma) for table in films.values()] or [Film(np.zeros(1), np.zeros((1, 4)), np.zeros((1, 4)))]
     lobes = [s.coating.scatter for s in surfaces]
     scatter = [(lobe.tis, lobe.width, lobe.slope) if lobe else (0.0, 1.0, -2.0) for lobe in lobes]
     parasitic = np.array([int(s.nominal in ("transmit", "absorb")) for s in surfaces])
@@ -199,10 +203,11 @@ def _arguments(
         np.array([s.origin for s in surfaces]), np.array([s.curvature for s in surfaces]),
         np.array([s.conic for s in surfaces]), np.array([s.aperture for s in surfaces]),
         np.array([[s.before, s.after] for s in surfaces]), start, members, system.index(sigma),
-        np.array([[s.coating.transmittance] for s in surfaces]) * both,
-        np.array([[s.coating.reflectance] for s in surfaces]) * both,
-        np.array([[s.coating.bare] * 2 for s in surfaces], dtype=np.int64), film, np.zeros(1, np.int64), np.zeros(1),
-        np.zeros((1, 4)), np.zeros((1, 4)), np.array(scatter), parasitic, system.detector,
+        np.array([[coating.transmittance for coating, _ in pair] for pair in faces]),
+        np.array([[coating.reflectance for coating, _ in pair] for pair in faces]),
+        np.array([[coating.bare for coating, _ in pair] for pair in faces], dtype=np.int64), film,
+        np.cumsum([0, *(len(one.knot) for one in tables)]), np.concatenate([one.knot for one in tables]),
+        np.concatenate([one.r for one in tables]), np.concatenate([one.t for one in tables]), np.array(scatter), parasitic, system.detector,
         int(min(split, 2.0) * UNIT) if split < 1.0 else 2 * UNIT, max_depth, grid, np.array(cells), MAX_PATHS,
     )  # fmt: skip
 
