@@ -9,8 +9,8 @@ A tangent is the derivative of a ray (position and direction) by a parameter of 
 equations, differentiated: exact, no step to choose, and no neighbour that could fail where the ray itself passes.
 
 Status codes: 0 = traced; KINDS·(step + 1) + kind at the first trouble, with kind MISS (no intersection), TIR (total
-internal reflection), BEYOND (the coating's table does not hold the angle), WRONG_SIDE (the surface is met from the space that the step does not come from) or BACKWARD (the
-surface lies behind the ray: the ray is virtual).
+internal reflection), BEYOND (the coating's table does not hold the angle), WRONG_SIDE (the surface is met from the
+space that the step does not come from) or BACKWARD (the surface lies behind the ray: the ray is virtual).
 """
 
 from __future__ import annotations

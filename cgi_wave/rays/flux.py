@@ -207,7 +207,8 @@ def _arguments(
         np.array([[coating.reflectance for coating, _ in pair] for pair in faces]),
         np.array([[coating.bare for coating, _ in pair] for pair in faces], dtype=np.int64), film,
         np.cumsum([0, *(len(one.knot) for one in tables)]), np.concatenate([one.knot for one in tables]),
-        np.concatenate([one.r for one in tables]), np.concatenate([one.t for one in tables]), np.array(scatter), parasitic, system.detector,
+        np.concatenate([one.r for one in tables]), np.concatenate([one.t for one in tables]),
+        np.array(scatter), parasitic, system.detector,
         int(min(split, 2.0) * UNIT) if split < 1.0 else 2 * UNIT, max_depth, grid, np.array(cells), MAX_PATHS,
     )  # fmt: skip
 

@@ -205,10 +205,11 @@ def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequenc
 
 
 def _films(route: _Route, sigma: float) -> tuple[Array, NDArray[np.int64]]:
-    """Tables met along a route at one wavenumber (F, M, 5), padded behind their ends, and ``bare`` with their numbers."""
+    """Tables met along a route at one wavenumber (F, M, 5), padded behind their ends; ``bare`` with their numbers."""
     if not any(route.tables):
         return np.empty((0, 0, 5)), route.bare
-    rows, bare = [], route.bare.copy()
+    rows: list[Array] = []
+    bare = route.bare.copy()
     for k, table in enumerate(route.tables):
         if table is not None:
             film = table.film(sigma)

@@ -155,7 +155,8 @@ def test_toml_csv_and_npz_say_the_same(tmp_path):
 
 @pytest.mark.parametrize(
     "name, content, word",
-    [("gone.csv", None, "cannot be read"), ("face.txt", "", "neither"), ("face.csv", "wavelength_nm,angle\n1,2\n", "unknown"),
+    [("gone.csv", None, "cannot be read"), ("face.txt", "", "neither"),
+     ("face.csv", "wavelength_nm,angle\n1,2\n", "unknown"),
      ("face.csv", "wavelength_nm,angle_deg,reflectance\n450,0,0.1\n450,1,0.1\n500,0,0.1\n", "no whole grid"),
      ("face.csv", "wavelength_nm,angle_deg,reflectance\n450,0,x\n", "cannot be read"),
      ("face.npz", "no archive", "cannot be read")],

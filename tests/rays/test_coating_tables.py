@@ -1,4 +1,4 @@
-"""Coatings given as tables, where they are used: Fresnel's closed form put into a table must act as a bare face does."""
+"""Coatings given as tables, where they are used: Fresnel's closed form in a table must act as a bare face does."""
 
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def test_beyond_its_angles_a_table_says_nothing():
     path = parse_path(system, "one two")
     sequence = compile_sequence(system, path, system.sigma0)
     theta = np.zeros((2, 2))
-    theta[1, 1] = -np.sin(np.radians(1.0))
+    theta[:, 1] = np.sin(np.radians([-1.0, 1.0]))
     traced = trace(sequence, np.zeros((2, 2)), theta)
     steeper = int(np.argmax(traced.status))
     assert sorted(traced.passes) == [False, True]
@@ -86,7 +86,7 @@ def test_beyond_its_angles_a_table_says_nothing():
 def test_total_reflection_inside_reads_the_tables_end():
     """Light in glass beyond the critical angle grazes the air: 90° of the table, where Fresnel says 1."""
     tilted = surface("face", "air", coating="face", tilt_deg=[60.0, 0.0, 0.0])
-    side = frame("side", "glass", detector(), attach="face", rotate_deg=[120.0, 0.0, 0.0], start_mm=15.0)
+    side = frame("side", "glass", detector(), attach="face", rotate_deg=[-60.0, 0.0, 0.0], start_mm=15.0)
     system = build([frame("a", "glass", tilted, start_mm=20.0), side], {"glass": N, "air": 1.0}, radius=1.0,
                    coating={"face": {"table": fresnel_table(90.0, 181)}})  # fmt: skip
     assert power(system, "face:r")[0] == pytest.approx(1.0, abs=1e-12)
@@ -117,10 +117,8 @@ def test_a_band_outside_a_tables_wavelengths_is_refused():
 
 
 def test_the_search_takes_a_tables_largest_reflectance():
-    """A coating that reflects at one angle only is not lost by the search."""
+    """A coating that reflects at other angles than these is not lost by the search, whose powers are bounds."""
     angle = [0.0, 15.0, 30.0, 45.0]
     table = {"wavelengths_nm": [400.0, 600.0], "angles_deg": angle, "reflectance": [[0.0, 0.0, 0.02, 0.3]] * 2}
-    with pytest.raises(InputError, match="leaves the range from 0 to 1"):
-        find_paths(window({"table": table}))
-    table["reflectance"] = [[0.01, 0.02, 0.05, 0.3]] * 2
-    assert len(find_paths(window({"table": table}))) == 2
+    found = find_paths(window({"table": table}), min_power=0.08)
+    assert [path.order for path in found] == [0, 2]

@@ -169,13 +169,13 @@ def test_light_still_on_its_way_after_the_last_event_is_pruned():
 def test_total_reflection_at_a_coated_face_sends_back_all_that_is_not_absorbed():
     """In glass onto a face at 45 degrees: nothing gets out of n = 1.5."""
     tilted = surface("face", "air", 0.0, coating="face", tilt_deg=[45.0, 0.0, 0.0])
-    side = frame("side", "glass", detector(), attach="face", rotate_deg=[90.0, 0.0, 0.0], start_mm=15.0)
+    side = frame("side", "glass", detector(), attach="face", rotate_deg=[-90.0, 0.0, 0.0], start_mm=15.0)
     system = build([frame("a", "glass", tilted, start_mm=20.0), side], {"glass": 1.5, "air": 1.0},
                    coating={"face": {"reflectance": 0.1, "transmittance": 0.8}})  # fmt: skip
     found = flux(system, 4000, source=AHEAD)
     assert found.sum("absorbed") == pytest.approx(0.1, abs=1e-12)
     assert found.total_reflections == 4000
-    assert found.sum("detector") + found.sum("left") + found.sum("vignetted") == pytest.approx(0.9, abs=1e-12)
+    assert found.sum("detector") == pytest.approx(0.9, abs=1e-12)
 
 
 def test_a_scattering_window_fills_the_detector_by_harveys_law():
