@@ -17,6 +17,7 @@ from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
 from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
+from cgi_wave.budget.polarisation import PolarisationBound, polarisation_bound
 from cgi_wave.budget.pointsource import PointSource, point_source
 from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, select_ghosts
 from cgi_wave.budget.setting import Setting, band_setting
@@ -48,6 +49,7 @@ class FieldResult:
     retrieval: Retrieval
     spots: Sequence[Mapping[str, Any]]
     psfs: Sequence[Mapping[str, Any]]
+    polarisation: PolarisationBound | None = None
 
     @property
     def coherency(self) -> Coherency:
@@ -149,6 +151,8 @@ def analyse_bands(
                 progress(f"{name}: field point {len(fields)} of {len(futures)}: {pairs} pairs of beams")
             rows = ghost_rows(systems[name], [(field.point, field.source) for field in fields])
             column = table1(name, [field.retrieval for field in fields], families=families(rows))
+            bound = fields[0].polarisation
+            column["polarisation"] = bound.document() if bound else None
             results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60))
     return results
 
@@ -233,9 +237,13 @@ def analyse_field(task: Task, index: int) -> FieldResult:
         point = field_point(here, task.paths, x0, task.tolerance, task.cross_family)
         orders = 2 if index in CONTRAST_FIELDS else 0
         source = point_source(system, task.paths, point.theta, x0, orders)
-        psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, zone_rows(system, x0), system.pixel)
+        rows = zone_rows(system, x0)
+        psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, rows, system.pixel)
+        bound = polarisation_bound(
+            system, point.coherency, point.paths, here.spectrum.sigma, here.weight, rows, point.theta
+        ) if index == 0 else None
         pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
-    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)
+    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures, bound)
 
 
 def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.float64]:
