@@ -17,8 +17,8 @@ from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
 from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
-from cgi_wave.budget.polarisation import PolarisationBound, polarisation_bound
 from cgi_wave.budget.pointsource import PointSource, point_source
+from cgi_wave.budget.polarisation import PolarisationBound, polarisation_bound
 from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, select_ghosts
 from cgi_wave.budget.setting import Setting, band_setting
 from cgi_wave.budget.table1 import table1
@@ -239,11 +239,15 @@ def analyse_field(task: Task, index: int) -> FieldResult:
         source = point_source(system, task.paths, point.theta, x0, orders)
         rows = zone_rows(system, x0)
         psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, rows, system.pixel)
-        bound = polarisation_bound(
-            system, point.coherency, point.paths, here.spectrum.sigma, here.weight, rows, point.theta
-        ) if index == 0 else None
-        pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
-    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures, bound)
+        bound = (
+            polarisation_bound(
+                system, point.coherency, point.paths, here.spectrum.sigma, here.weight, rows, point.theta
+            )
+            if index == 0
+            else None
+        )
+        spots, psfs = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
+    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), spots, psfs, bound)
 
 
 def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.float64]:

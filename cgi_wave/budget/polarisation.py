@@ -1,6 +1,6 @@
 """What is lost by taking light as unpolarised: the splitter's R_s and R_p, carried through the coherency of all beams.
 
-Light keeps its polarisation along s or p of the splitter, whose planes of incidence all its passes share: state by state
+Light keeps its polarisation along s or p of the splitter, whose plane of incidence all passes share: state by state
 the chain is exact, and s and p add as powers. The folds of an interferometer lie in that plane or across it; the few
 degrees by which skew rays miss it are left out, and so is a difference of phase between s and p.
 """
@@ -96,7 +96,9 @@ def splitter_powers(system: OpticalSystem, cosine: float, spread: float = SPREAD
     return SplitterPowers((r, t), (r + half, t - half), (r - half, t + half), False)
 
 
-def polarised(coherency: Coherency, paths: Sequence[Path], splitter: str, powers: SplitterPowers, s: float) -> Coherency:
+def polarised(
+    coherency: Coherency, paths: Sequence[Path], splitter: str, powers: SplitterPowers, s: float
+) -> Coherency:
     """The coherency for a share ``s`` of the light polarised along s, 1 − s along p; paths: of its beams, in order.
 
     A beam that meets the splitter with a reflections and b transmissions has the power Σ_k w_k R_k^a T_k^b in place of
@@ -182,8 +184,8 @@ def polarisation_text(bound: PolarisationBound) -> str:
     """One line for a person."""
     origin = "declared" if bound.declared else "assumed"
     return (
-        f"polarisation is neglected. With R_s {bound.r_s:.3f} and R_p {bound.r_p:.3f} at the splitter ({origin}), linear "
-        f"polarisation up to degree {bound.degree:g} moves O/B by at most {bound.offset:.1e}, M*/M by "
+        f"polarisation is neglected. With R_s {bound.r_s:.3f} and R_p {bound.r_p:.3f} at the splitter ({origin}), "
+        f"linear polarisation up to degree {bound.degree:g} moves O/B by at most {bound.offset:.1e}, M*/M by "
         f"{bound.parasitic:.1e}, the NMA error by {bound.nma_error:.1e}, and the nominal modulation by "
         f"{bound.nominal_modulation:.1e} of itself"
     )

@@ -14,7 +14,7 @@ MIDDLE = np.zeros((1, 2))
 
 def tilted(angle, coating="bare", **table):
     faces = (surface("one", "glass", 2.0, coating=coating), surface("two", "back", coating=coating))
-    frames = [frame("plate", "front", *faces, start_mm=30.0, rotate_deg=[angle, 0.0, 0.0]),
+    frames = [frame("plate", "front", *faces, start_mm=30.0, rotate_deg=[float(angle), 0.0, 0.0]),
               frame("end", "back", detector(), shift_mm=[0.0, 0.0, 100.0])]  # fmt: skip
     return build(frames, {"front": 1.0, "glass": N, "back": 1.0}, radius=1.0, coating=table)
 
