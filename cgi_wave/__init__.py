@@ -53,6 +53,7 @@ _HOME = {
     "band_setting": "budget.setting",
     "ghost_rows": "budget.ghosts",
     "point_source": "budget.pointsource",
+    "polarisation_bound": "budget.polarisation",
     "select_ghosts": "budget.select",
     "table1": "budget.table1",
     # the main job
