@@ -9,7 +9,7 @@ import pytest
 from cgi_wave.errors import InputError
 from cgi_wave.optics.coatings import coating_table
 from cgi_wave.optics.schema import CoatingSpec
-from cgi_wave.optics.system import load_instrument
+from cgi_wave.optics.system import from_document, load_instrument
 
 SMALL = """
 name = "small"
@@ -168,6 +168,25 @@ def test_files_that_are_no_tables_are_refused(tmp_path, name, content, word):
         load(tmp_path, f'{{ file = "{name}" }}')
 
 
-def test_a_file_beside_numbers_and_a_missing_reverse_are_refused(tmp_path):
+def test_a_file_beside_numbers_is_refused(tmp_path):
     with pytest.raises(InputError, match="stands beside angles_deg"):
         load(tmp_path, '{ file = "face.csv", angles_deg = [0.0, 1.0] }')
+
+
+@pytest.mark.parametrize(
+    "change, field",
+    [
+        ({"ar": {"reflectance": 0.1, "transmittance": 0.9, "reverse": "nothing"}}, r"coating\.ar\.reverse = 'nothing'"),
+        ({"ar": {"bare": True, "table": GRID}}, r"coating\.ar\.bare"),
+        ({"ar": {"scatter": {"tis": 0.7, "l": 0.01, "s": -1.5}}}, r"coating\.ar\.scatter"),
+        ({"ar": {"scatter": {"tis": 0.1, "l": 0.0, "s": -1.5}}}, r"coating\.ar\.scatter"),
+        ({"ar": {"table": GRID | {"wavelengths_nm": [400.0, 500.0, 800.0], "absorptance": 0.02}}},
+         r"coating\.ar\.reverse = None.*is met from both sides"),
+        ({"ar": {"table": GRID}}, r"coating\.ar\.table\.wavelengths_nm"),
+    ],
+)  # fmt: skip
+def test_coatings_that_make_no_instrument_are_refused(change, field):
+    raw = copy.deepcopy(load_instrument().raw)
+    raw["coating"] |= copy.deepcopy(change)
+    with pytest.raises(InputError, match=field):
+        from_document(raw, "file.toml")
