@@ -101,8 +101,11 @@ _meet_conic, _meet_conic_turned = _meeting(False, CONIC), _meeting(True, CONIC)
 
 
 @njit(**_JIT)
-def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic, index, side, code):  # noqa: E741
-    """Move a slice into the next local frame and onto its surface (in place); ``way`` is how far each ray went."""
+def move_on(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side):  # noqa: E741
+    """Move a slice into the next local frame and onto its surface (in place): number of rays in trouble there.
+
+    ``way`` is how far each ray went: not finite for those that miss, negative for virtual ones.
+    """
     turned = rot[0, 0] != 1.0 or rot[1, 1] != 1.0 or rot[2, 2] != 1.0
     rest = way, opl, rot, shift, curvature, conic, index, side
     if curvature == 0.0:
@@ -119,6 +122,13 @@ def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic
         bad = _meet_conic_turned(x, y, z, l, m, n, *rest)
     else:
         bad = _meet_conic(x, y, z, l, m, n, *rest)
+    return bad
+
+
+@njit(**_JIT)
+def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic, index, side, code):  # noqa: E741
+    """``move_on``, and the status of those in trouble."""
+    bad = move_on(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side)
     if bad > 0:  # seldom, and kept out of the loops above for that
         for i in range(x.shape[0]):
             if status[i] == 0:
@@ -222,8 +232,8 @@ _bend_plane, _bend_sphere, _bend_conic = _bending(PLANE), _bending(SPHERE), _ben
 
 
 @njit(**_JIT)
-def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):  # noqa: E741
-    """Refract or reflect a slice at the surface point it stands on (in place).
+def turn(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect):  # noqa: E741
+    """Refract or reflect a slice at the surface point it stands on (in place): how many lie beyond the critical angle.
 
     Leaves the cosines of incidence and refraction: Fresnel's reflectance needs the second one, too.
     """
@@ -234,15 +244,28 @@ def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, r
         bad = _bend_sphere(x, y, z, l, m, n, *rest)
     else:
         bad = _bend_conic(x, y, z, l, m, n, *rest)
+    return bad
+
+
+@njit(**_JIT)
+def reflected_totally(cos_in, n1, n2):
+    """Whether nothing is refracted at this cosine of incidence."""
+    ratio = n1 / n2
+    return 1.0 - ratio * ratio * (1.0 - cos_in * cos_in) < 0.0
+
+
+@njit(**_JIT)
+def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):  # noqa: E741
+    """``turn``, and the status of those that cannot be refracted."""
+    bad = turn(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect)
     if bad > 0 and not reflect:
-        ratio = n1 / n2
         for i in range(x.shape[0]):
-            if status[i] == 0 and 1.0 - ratio * ratio * (1.0 - cos_in[i] * cos_in[i]) < 0.0:
+            if status[i] == 0 and reflected_totally(cos_in[i], n1, n2):
                 status[i] = code + TIR
 
 
 @njit(**_JIT)
-def _clear(x, y, clearance, ap):
+def clear(x, y, clearance, ap):
     """Lower the running clearance of a slice by one aperture (1 at its centre, 0 at its edge)."""
     if ap[0] == 1.0:
         inv = 1.0 / (ap[1] * ap[1])
@@ -282,7 +305,7 @@ def clearance_rows(aperture, foot):
 
 
 @njit(**_JIT)
-def _fresnel(power, cos_in, cos_out, n1, n2, reflect):
+def fresnel(power, cos_in, cos_out, n1, n2, reflect):
     """Multiply a slice's power by the unpolarised Fresnel reflectance or transmittance of a bare face.
 
     At total internal reflection cos_out is 0, and the reflectance 1.
@@ -297,22 +320,29 @@ def _fresnel(power, cos_in, cos_out, n1, n2, reflect):
 
 
 @njit(**_JIT)
-def _table(power, status, cos_in, cos_out, film, n1, n2, code):
-    """Multiply a slice's power by a coating's table (M, 5): knots of 1 − cos θ in the thinner medium, and cubics."""
+def table(power, cos_in, cos_out, film, n1, n2):
+    """Multiply a slice's power by a coating's table (M, 5): knots of 1 − cos θ in the thinner medium, and cubics.
+
+    How many rays meet the coating at an angle that the table does not hold; their power is NaN.
+    """
     last = film.shape[0] - 1
     # Angles at the ends of the table may come out a rounding beyond them.
     low, high = film[0, 0] - 1e-12, film[last, 0] + 1e-12
-    k = 0
+    k, beyond = 0, 0
     for i in range(power.shape[0]):
         u = 1.0 - (cos_in[i] if n1 <= n2 else cos_out[i])
         # Not "u < low or u > high": a ray without an end makes NaN of it.
-        status[i] = code + BEYOND if status[i] == 0 and not low <= u <= high else status[i]
+        if not low <= u <= high:
+            power[i] = np.nan
+            beyond += 1
+            continue
         while k < last - 1 and u >= film[k + 1, 0]:
             k += 1
         while k > 0 and u < film[k, 0]:
             k -= 1
         step = u - film[k, 0]
         power[i] *= max(((film[k, 1] * step + film[k, 2]) * step + film[k, 3]) * step + film[k, 4], 0.0)
+    return beyond
 
 
 @njit(**_JIT)
@@ -335,17 +365,21 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
             if bends:
                 _tangent_bend(x, y, z, l, m, n, d[0], d[1], d[2], d[3], d[4], d[5], curvature[k], conic[k], n1[k],
                               n2[k], reflect)  # fmt: skip
-        _clear(x, y, clearance, aperture[k])
+        clear(x, y, clearance, aperture[k])
         if foot.shape[0] > 0:
             foot[k, 0] = x
             foot[k, 1] = y
         if bends or bare[k] >= FILM:
             _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, code)
         if bare[k] >= FILM:
-            _table(power, status, cos_in, cos_out, film[bare[k] - FILM], n1[k], n2[k], code)
+            if table(power, cos_in, cos_out, film[bare[k] - FILM], n1[k], n2[k]) > 0:
+                for i in range(power.shape[0]):
+                    if not power[i] >= 0.0:
+                        power[i] = 0.0
+                        status[i] = code + BEYOND if status[i] == 0 else status[i]
         elif bare[k] == BARE:
             if bends:  # between like media a bare face is none
-                _fresnel(power, cos_in, cos_out, n1[k], n2[k], reflect)
+                fresnel(power, cos_in, cos_out, n1[k], n2[k], reflect)
         else:
             factor *= weight[k]
     for i in range(power.shape[0]):
@@ -361,7 +395,7 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bar
     curvature (K,) 1/m, conic (K,), n1, n2 (K,) indices before and after, mode (K,) REFRACT or REFLECT,
     side (K,) 1.0 where light has to come along the local +z, −1.0 where against it, 0.0 where either will do,
     weight (K,) power factor of the coating, bare (K,) BARE where Fresnel's unpolarised factor holds, FILM and
-    more where that of a table does; aperture (K, APERTURE_COLUMNS); film (F, M, 5): tables, see ``_table``.
+    more where that of a table does; aperture (K, APERTURE_COLUMNS); film (F, M, 5): tables, see ``table``.
     rays (6, N): x, y, z in m and direction cosines; on return in the frame of the last surface.
     tangent (T, 6, N): T derivatives of the rays by whatever they were launched with; T = 0 for none.
     opl (N,) m, power (N,), status (N,) int64, clearance (N,): running values, updated.
@@ -378,6 +412,19 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bar
 
 
 @njit(**_JIT)
+def start(p, theta, first, back_off, index, x, y, z, l, m, n, opl):  # noqa: E741
+    """Start a slice of a fan from its ray ``first`` on: as ``launch``, with theta (N, 2) or (1, 2)."""
+    one = theta.shape[0] == 1
+    for i in range(x.shape[0]):
+        j = 0 if one else first + i
+        dl, dm = theta[j, 0], theta[j, 1]
+        dn = np.sqrt(1.0 - dl * dl - dm * dm)
+        x[i], y[i], z[i] = p[first + i, 0] - back_off * dl, p[first + i, 1] - back_off * dm, -back_off * dn
+        l[i], m[i], n[i] = dl, dm, dn
+        opl[i] = -back_off * index
+
+
+@njit(**_JIT)
 def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, back_off, p, theta, begin,
               end, ends, status):  # fmt: skip
     """Launch rays ``begin`` to ``end`` of a fan as ``launch`` does, trace them as ``trace_sequence`` does, and keep
@@ -387,7 +434,6 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
     path length, power, clearance; status (N,). A slice is launched, traced and written while it is in the nearest
     cache: large arrays are written once, and not read.
     """
-    one = theta.shape[0] == 1
     room = np.empty((12, SLICE + PAD))
     tangent, foot = np.empty((0, 6, SLICE)), np.empty((0, 2, SLICE))
     for first in range(begin, end, SLICE):
@@ -395,13 +441,8 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
         w, s = slice(0, width), slice(first, first + width)
         x, y, z, l, m, n = room[0, w], room[1, w], room[2, w], room[3, w], room[4, w], room[5, w]  # noqa: E741
         opl, power, clearance, state = room[6, w], room[7, w], room[8, w], status[s]
-        for i in range(width):
-            j = 0 if one else first + i
-            dl, dm = theta[j, 0], theta[j, 1]
-            dn = np.sqrt(1.0 - dl * dl - dm * dm)
-            x[i], y[i], z[i] = p[first + i, 0] - back_off * dl, p[first + i, 1] - back_off * dm, -back_off * dn
-            l[i], m[i], n[i] = dl, dm, dn
-            opl[i], power[i], clearance[i], state[i] = -back_off * n1[0], 1.0, np.inf, 0
+        start(p, theta, first, back_off, n1[0], x, y, z, l, m, n, opl)
+        power[:], clearance[:], state[:] = 1.0, np.inf, 0
         _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, x, y, z, l, m, n,
                tangent, opl, power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
         ends[0, s], ends[1, s], ends[2, s], ends[3, s] = x, y, l, m

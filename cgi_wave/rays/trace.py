@@ -6,7 +6,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,14 @@ from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
 
 Array = NDArray[np.float64]
+#: Kinds of trouble in words that the name of a surface follows.
+WORDS = {
+    BEYOND: "beyond the coating's table at",
+    MISS: "missed",
+    TIR: "total internal reflection at",
+    BACKWARD: "virtual at",
+    WRONG_SIDE: "on the wrong side of",
+}
 
 
 @dataclass(frozen=True)
@@ -216,8 +223,14 @@ def _films(route: _Route, sigma: float) -> tuple[Array, NDArray[np.int64]]:
             cubics = film.r if route.mode[k] == REFLECT else film.t
             bare[k] = FILM + len(rows)
             rows.append(np.column_stack([film.knot, cubics]))
-    longest = max(len(row) for row in rows)
-    return np.array([np.vstack([row, np.tile(row[-1:], (longest - len(row), 1))]) for row in rows]), bare
+    return pad_films(rows), bare
+
+
+def pad_films(rows: list[Array]) -> Array:
+    """Tables of coatings (M, 5) as one array (F, M, 5): the shorter ones repeat what stands behind their ends."""
+    longest = max((len(row) for row in rows), default=0)
+    padded = [np.vstack([row, np.tile(row[-1:], (longest - len(row), 1))]) for row in rows]
+    return np.array(padded).reshape(len(rows), longest, 5)
 
 
 def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False, threads: int = 1) -> Traced:
@@ -239,17 +252,17 @@ def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False, 
     return Traced(ends[:2].T, ends[2:4].T, ends[4], ends[5], ends[6], status, np.empty((0, 2, count)))
 
 
-def share_out(part: Callable[[int, int], None], count: int, threads: int, unit: int = SLICE) -> None:
-    """Call ``part(begin, end)`` for ranges of whole units that make up 0 … count, one per thread."""
+def share_out(part: Callable[[int, int], None], count: int, threads: int) -> None:
+    """Call ``part(begin, end)`` for ranges that make up 0 … count; threads fetch the next one when they are done."""
     if threads < 1:
         raise InputError("trace", "threads", threads, "is no number of threads", "give 1 or more")
-    units = -(-count // unit)
-    edges = [min(unit * (units * k // threads), count) for k in range(threads + 1)]
-    if threads == 1 or units < 2 * threads:
+    # Ranges begin at whole slices, so that every ray has the same place in its slice whoever traces it.
+    length = SLICE * max(1, -(-count // (SLICE * 8 * threads)))
+    if threads == 1 or count <= length:
         part(0, count)
         return
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(part, begin, end) for begin, end in pairwise(edges)]:
+        for done in [pool.submit(part, begin, min(begin + length, count)) for begin in range(0, count, length)]:
             done.result()
 
 
@@ -268,16 +281,9 @@ def _run(sequence: Sequence, p: Array, theta: Array, footprints: bool, of: str =
 
 def trouble(sequence: Sequence, traced: Traced) -> dict[str, int]:
     """Counts of what stopped rays, by kind and surface, e.g. ``{"total internal reflection at L5_back": 12}``."""
-    words = {
-        BEYOND: "beyond the coating's table at",
-        MISS: "missed",
-        TIR: "total internal reflection at",
-        BACKWARD: "virtual at",
-        WRONG_SIDE: "on the wrong side of",
-    }
     counts: dict[str, int] = {}
     for code in traced.status[traced.status > 0]:
-        key = f"{words[int(code) % KINDS]} {sequence.names[int(code) // KINDS - 1]}"
+        key = f"{WORDS[int(code) % KINDS]} {sequence.names[int(code) // KINDS - 1]}"
         counts[key] = counts.get(key, 0) + 1
     return counts
 

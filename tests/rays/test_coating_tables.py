@@ -9,6 +9,7 @@ from cgi_wave.optics.system import from_document
 from cgi_wave.rays.flux import flux, from_direction
 from cgi_wave.rays.paths import find_paths, parse_path
 from cgi_wave.rays.trace import compile_sequence, trace, trouble
+from cgi_wave.rays.tree import grow_tree, trace_tree
 
 N = 1.5
 
@@ -81,6 +82,25 @@ def test_beyond_its_angles_a_table_says_nothing():
     assert lost.at("beyond table", "one").share == lost.sum("pruned") == 1.0
     assert lost.imbalance == 0
     assert flux(system, 100, source=from_direction(tuple(theta[1 - steeper]))).sum("pruned") == 0.0
+
+
+def test_a_tree_of_paths_reads_tables_as_single_paths_do():
+    """Power and what is lost, path by path, of a fan of which a part meets the faces beyond the table."""
+    system = window({"table": fresnel_table(30.0)}, 25.0)
+    paths = find_paths(system, max_order=2)
+    rng = np.random.default_rng(2)
+    p, theta = rng.uniform(-1e-3, 1e-3, (600, 2)), rng.uniform(-0.15, 0.15, (600, 2))
+    arrivals = trace_tree(grow_tree(system, paths, system.sigma0), p, theta)
+    for k, path in enumerate(paths):
+        traced = trace(compile_sequence(system, path, system.sigma0), p, theta)
+        assert 0 < traced.passes.sum() < 500
+        assert arrivals.survivors[k] == traced.passes.sum()
+        assert arrivals.power[k] == pytest.approx(traced.power[traced.passes].sum(), rel=1e-12)
+        beyond = arrivals.trouble(k)["beyond the coating's table at one"]
+        assert (
+            beyond
+            == trouble(compile_sequence(system, path, system.sigma0), traced)["beyond the coating's table at one"]
+        )
 
 
 def test_total_reflection_inside_reads_the_tables_end():
