@@ -16,6 +16,7 @@ DEFAULT_TOLERANCE = 1e-3
 _HOME = {
     # the instrument
     "load_instrument": "optics.system",
+    "import_lens": "lensfile.load",
     # paths, rays, spots
     "find_paths": "rays.paths",
     "parse_path": "rays.paths",

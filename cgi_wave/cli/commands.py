@@ -274,6 +274,36 @@ def contrast(
     )
 
 
+@click.command("import")
+@click.argument("file")
+@click.option("--out", metavar="FILE", help="Instrument file to write (.toml); standard output if not given.")
+@click.option("--glass", "glasses", multiple=True, metavar="NAME=PAGE", help="Catalogue page or index of a glass.")
+@click.option("--primary-only", is_flag=True, help="Import the reference wavelength alone, as model glasses need.")
+@_json
+def import_(file: str, out: str | None, glasses: tuple[str, ...], primary_only: bool, as_json: bool) -> None:
+    """Make an instrument file of a lens FILE of Zemax (.zmx) or CODE V (.seq).
+
+    Prints what was substituted, dropped or ignored. What would bend light otherwise than the file says is refused.
+    """
+    from cgi_wave.report import output
+
+    chosen = dict(_glass(word) for word in glasses)
+    with output.whole_file(out) if out else nullcontext() as target:
+        with _computing():
+            from cgi_wave.lensfile.load import import_lens
+
+            found = import_lens(file, chosen, primary_only)
+        if target:
+            Path(target).write_text(found.toml, encoding="utf-8")
+    if as_json:
+        click.echo(output.to_json(found.report() | {"out": out, "instrument": found.document}))
+    elif out:
+        click.echo(f"{found.text()}\n{out}")
+    else:
+        _progress(found.text())
+        click.echo(found.toml, nl=False)
+
+
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("name", required=False)
 @click.argument("options", nargs=-1, type=click.UNPROCESSED)
@@ -306,7 +336,7 @@ def validate(name: str | None, options: tuple[str, ...], as_json: bool) -> int:
     return subprocess.run(words, check=False).returncode
 
 
-COMMANDS = (run, ghosts, psi, plan, rank, flux, contrast, validate, draw)
+COMMANDS = (run, ghosts, psi, plan, rank, flux, contrast, import_, validate, draw)
 
 
 def _is_study(file: Path) -> bool:
@@ -339,6 +369,17 @@ def _pair_of_numbers(name: str, text: str) -> tuple[float, float]:
     if len(parts) != 2:
         raise InputError("command line", name, text, "not two numbers", "write them as 0.1,0.2")
     return _number(name, parts[0]), _number(name, parts[1])
+
+
+def _glass(word: str) -> tuple[str, str | float]:
+    """A NAME=PAGE word; the page may be a constant index."""
+    name, equals, page = word.partition("=")
+    if not (name and equals and page):
+        raise InputError("command line", "--glass", word, "names no page", "write NAME=shelf/book/page or NAME=1.5")
+    try:
+        return name, float(page)
+    except ValueError:
+        return name, page
 
 
 def _analyse(
