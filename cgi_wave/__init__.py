@@ -24,6 +24,11 @@ _HOME = {
     "rays_from_direction": "rays.beams",
     "rays_to_point": "rays.beams",
     "spot": "rays.beams",
+    # light walked through by lots
+    "flux": "rays.flux",
+    "from_direction": "rays.flux",
+    "from_field": "rays.flux",
+    "lambertian": "rays.flux",
     # pupil fields, contrasts, PSFs
     "HopkinsPair": "wave.hopkins",
     "contrast": "wave.methods.auto",
@@ -49,6 +54,7 @@ _HOME = {
     "band_setting": "budget.setting",
     "ghost_rows": "budget.ghosts",
     "point_source": "budget.pointsource",
+    "polarisation_bound": "budget.polarisation",
     "select_ghosts": "budget.select",
     "table1": "budget.table1",
     # what ghosts cost whom, and what would help

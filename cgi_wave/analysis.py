@@ -20,6 +20,7 @@ from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
+from cgi_wave.budget.polarisation import PolarisationBound, polarisation_bound
 from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, Untraced, select_ghosts, untraced
 from cgi_wave.budget.setting import Setting, band_setting
 from cgi_wave.budget.table1 import table1
@@ -51,6 +52,7 @@ class FieldResult:
     costs: FieldCosts
     spots: Sequence[Mapping[str, Any]]
     psfs: Sequence[Mapping[str, Any]]
+    polarisation: PolarisationBound | None = None
 
     @property
     def coherency(self) -> Coherency:
@@ -154,6 +156,8 @@ def analyse_bands(
                 progress(f"{name}: field point {len(fields)} of {len(futures)}: {pairs} pairs of beams")
             rows = ghost_rows(systems[name], [(field.point, field.source) for field in fields])
             column = table1(name, [field.retrieval for field in fields], families=families(rows))
+            bound = fields[0].polarisation
+            column["polarisation"] = bound.document() if bound else None
             costs = cost_table(systems[name], [field.costs for field in fields])
             results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60), costs)
     return results
@@ -245,8 +249,14 @@ def analyse_field(task: Task, index: int) -> FieldResult:
         rows = zone_rows(system, x0)
         terms = interferogram_terms(point.coherency, here.spectrum.sigma, here.weight, rows, system.pixel)
         psi, costs = terms.psi(), attribute(point, terms, task.untraced, source)
-        pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
-    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), costs, *pictures)
+        bound = None
+        if index == 0:
+            bound = polarisation_bound(
+                system, point.coherency, point.paths, here.spectrum.sigma, here.weight, rows, point.theta
+            )
+        spots, psfs = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
+    x, y = float(x0[0]), float(x0[1])
+    return FieldResult(index, x, y, point, source, psi, retrieve(psi), costs, spots, psfs, bound)
 
 
 def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.float64]:

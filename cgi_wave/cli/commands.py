@@ -146,6 +146,60 @@ def plan(band: str, tolerance: float, instrument: str | None, as_json: bool) -> 
 
 
 @click.command()
+@click.argument("band")
+@click.option("--rays", type=int, default=100_000, show_default=True, metavar="N", help="Rays through the pupil.")
+@click.option("--seed", type=int, default=1, show_default=True, metavar="S", help="Of the random numbers.")
+@click.option("--direction", metavar="X,Y", help="Light from one direction, degrees in the pupil's frame.")
+@click.option("--lambertian", type=float, metavar="DEG", help="A Lambertian pupil, within DEG of its axis.")
+@click.option("--split", type=float, default=1e-3, show_default=True, metavar="W", help="Follow branches above W.")
+@click.option("--analog", is_flag=True, help="One branch per event, drawn by its power.")
+@click.option("--out", metavar="FILE.json", help="Write everything, map and paths included.")
+@_instrument
+@_json
+def flux(
+    band: str, rays: int, seed: int, direction: str | None, lambertian: float | None, split: float, analog: bool,
+    out: str | None, instrument: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Show where the light of BAND goes.
+
+    Walks rays through the instrument by lots, without a list of paths: what the detector keeps, what surfaces absorb,
+    what is vignetted, what leaves the system, and by which paths light arrives; with standard errors. The light comes
+    from the declared field unless told otherwise. Powers add: interference is not in it.
+    """
+    if direction and lambertian is not None:
+        raise InputError("command line", "--lambertian", lambertian, "stands beside --direction", "give one of them")
+    if out and Path(out).suffix.lower() != ".json":
+        raise InputError("command line", "--out", out, "is not a format for this", "end the file's name in .json")
+    angles = _pair_of_numbers("--direction", direction) if direction else None
+    from cgi_wave.report import output
+
+    with output.whole_file(out) if out else nullcontext() as file:
+        with _computing():
+            from cgi_wave.optics.system import load_instrument
+            from cgi_wave.rays import flux as walk
+
+            loaded = load_instrument(instrument)
+            system = loaded.band(band)
+            source = walk.from_degrees(angles) if angles else None
+            if lambertian is not None:
+                source = walk.lambertian(lambertian)
+            weight = float("inf") if analog else split
+            found = walk.flux(system, rays, seed, source, split=weight, progress=_progress)
+        options = {"band": band, "instrument": instrument, "rays": rays, "seed": seed, "source": found.source,
+                   "split": None if analog else split}  # fmt: skip
+        made = output.provenance(loaded.name, loaded.hash, options)
+        document = found.document() | {"split": options["split"], "provenance": made}
+        if file:
+            file.write_text(output.to_json(document) + "\n", encoding="utf-8")
+    if as_json:
+        click.echo(output.to_json(document))
+    else:
+        from cgi_wave.report.ledger import flux_text
+
+        click.echo(flux_text(found))
+
+
+@click.command()
 @click.argument("band", required=False)
 @click.option("--out", default="layout.png", show_default=True, metavar="FILE", help="Picture: .png, .svg or .pdf.")
 @_instrument
@@ -282,7 +336,7 @@ def validate(name: str | None, options: tuple[str, ...], as_json: bool) -> int:
     return subprocess.run(words, check=False).returncode
 
 
-COMMANDS = (run, ghosts, psi, plan, rank, contrast, import_, validate, draw)
+COMMANDS = (run, ghosts, psi, plan, rank, flux, contrast, import_, validate, draw)
 
 
 def _is_study(file: Path) -> bool:

@@ -9,8 +9,8 @@ A tangent is the derivative of a ray (position and direction) by a parameter of 
 equations, differentiated: exact, no step to choose, and no neighbour that could fail where the ray itself passes.
 
 Status codes: 0 = traced; KINDS·(step + 1) + kind at the first trouble, with kind MISS (no intersection), TIR (total
-internal reflection), WRONG_SIDE (the surface is met from the space that the step does not come from) or BACKWARD (the
-surface lies behind the ray: the ray is virtual).
+internal reflection), BEYOND (the coating's table does not hold the angle), WRONG_SIDE (the surface is met from the
+space that the step does not come from) or BACKWARD (the surface lies behind the ray: the ray is virtual).
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ import numpy as np
 from numba import njit
 
 KINDS = 8
-MISS, TIR, BACKWARD, WRONG_SIDE = 1, 2, 3, 4
+BEYOND, MISS, TIR, BACKWARD, WRONG_SIDE = 0, 1, 2, 3, 4
+#: Values of ``bare``: the coating's factor is a number, Fresnel's, or that of film ``bare`` − FILM.
+NUMBER, BARE, FILM = 0, 1, 2
 REFRACT, REFLECT = 0, 1
 PLANE, SPHERE, CONIC = 0, 1, 2
 #: Slice length: a slice of eight float64 columns (32 kB) stays in the first-level cache; with two tangents of six
@@ -318,7 +320,33 @@ def fresnel(power, cos_in, cos_out, n1, n2, reflect):
 
 
 @njit(**_JIT)
-def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, x, y, z, l, m, n,  # noqa: E741
+def table(power, cos_in, cos_out, film, n1, n2):
+    """Multiply a slice's power by a coating's table (M, 5): knots of 1 − cos θ in the thinner medium, and cubics.
+
+    How many rays meet the coating at an angle that the table does not hold; their power is NaN.
+    """
+    last = film.shape[0] - 1
+    # Angles at the ends of the table may come out a rounding beyond them.
+    low, high = film[0, 0] - 1e-12, film[last, 0] + 1e-12
+    k, beyond = 0, 0
+    for i in range(power.shape[0]):
+        u = 1.0 - (cos_in[i] if n1 <= n2 else cos_out[i])
+        # Not "u < low or u > high": a ray without an end makes NaN of it.
+        if not low <= u <= high:
+            power[i] = np.nan
+            beyond += 1
+            continue
+        while k < last - 1 and u >= film[k + 1, 0]:
+            k += 1
+        while k > 0 and u < film[k, 0]:
+            k -= 1
+        step = u - film[k, 0]
+        power[i] *= max(((film[k, 1] * step + film[k, 2]) * step + film[k, 3]) * step + film[k, 4], 0.0)
+    return beyond
+
+
+@njit(**_JIT)
+def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, x, y, z, l, m, n,  # noqa: E741
            tangent, opl, power, status, clearance, foot, way, cos_in, cos_out):  # fmt: skip
     """Carry one slice through all surfaces, in place: arguments as in ``trace_sequence``, of the slice's length.
 
@@ -341,9 +369,15 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
         if foot.shape[0] > 0:
             foot[k, 0] = x
             foot[k, 1] = y
-        if bends:
+        if bends or bare[k] >= FILM:
             _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, code)
-        if bare[k] == 1:
+        if bare[k] >= FILM:
+            if table(power, cos_in, cos_out, film[bare[k] - FILM], n1[k], n2[k]) > 0:
+                for i in range(power.shape[0]):
+                    if not power[i] >= 0.0:
+                        power[i] = 0.0
+                        status[i] = code + BEYOND if status[i] == 0 else status[i]
+        elif bare[k] == BARE:
             if bends:  # between like media a bare face is none
                 fresnel(power, cos_in, cos_out, n1[k], n2[k], reflect)
         else:
@@ -353,15 +387,15 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
 
 
 @njit(**_JIT)
-def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, rays, tangent, opl, power,
-                   status, clearance, foot):  # fmt: skip
+def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, rays, tangent, opl,
+                   power, status, clearance, foot):  # fmt: skip
     """Trace rays through K surfaces in order, in place.
 
     rot (K, 3, 3), shift (K, 3): from the frame before to the local frame, v' = rot·(v − shift); metres.
     curvature (K,) 1/m, conic (K,), n1, n2 (K,) indices before and after, mode (K,) REFRACT or REFLECT,
     side (K,) 1.0 where light has to come along the local +z, −1.0 where against it, 0.0 where either will do,
-    weight (K,) power factor of the coating, bare (K,) 1 where Fresnel's unpolarised factor holds,
-    aperture (K, APERTURE_COLUMNS).
+    weight (K,) power factor of the coating, bare (K,) BARE where Fresnel's unpolarised factor holds, FILM and
+    more where that of a table does; aperture (K, APERTURE_COLUMNS); film (F, M, 5): tables, see ``table``.
     rays (6, N): x, y, z in m and direction cosines; on return in the frame of the last surface.
     tangent (T, 6, N): T derivatives of the rays by whatever they were launched with; T = 0 for none.
     opl (N,) m, power (N,), status (N,) int64, clearance (N,): running values, updated.
@@ -372,9 +406,9 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bar
     room = np.empty((3, step + PAD))
     for first in range(0, count, step):
         s, w = slice(first, min(first + step, count)), slice(0, min(step, count - first))
-        _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, rays[0, s], rays[1, s],
-               rays[2, s], rays[3, s], rays[4, s], rays[5, s], tangent[:, :, s], opl[s], power[s], status[s],
-               clearance[s], foot[:, :, s], room[0, w], room[1, w], room[2, w])  # fmt: skip
+        _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, rays[0, s],
+               rays[1, s], rays[2, s], rays[3, s], rays[4, s], rays[5, s], tangent[:, :, s], opl[s], power[s],
+               status[s], clearance[s], foot[:, :, s], room[0, w], room[1, w], room[2, w])  # fmt: skip
 
 
 @njit(**_JIT)
@@ -391,8 +425,8 @@ def start(p, theta, first, back_off, index, x, y, z, l, m, n, opl):  # noqa: E74
 
 
 @njit(**_JIT)
-def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, back_off, p, theta, begin, end,
-              ends, status):  # fmt: skip
+def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, back_off, p, theta, begin,
+              end, ends, status):  # fmt: skip
     """Launch rays ``begin`` to ``end`` of a fan as ``launch`` does, trace them as ``trace_sequence`` does, and keep
     where they end.
 
@@ -409,8 +443,8 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
         opl, power, clearance, state = room[6, w], room[7, w], room[8, w], status[s]
         start(p, theta, first, back_off, n1[0], x, y, z, l, m, n, opl)
         power[:], clearance[:], state[:] = 1.0, np.inf, 0
-        _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, x, y, z, l, m, n, tangent, opl,
-               power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
+        _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, x, y, z, l, m, n,
+               tangent, opl, power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
         ends[0, s], ends[1, s], ends[2, s], ends[3, s] = x, y, l, m
         ends[4, s], ends[5, s], ends[6, s] = opl, power, clearance
 
@@ -442,8 +476,8 @@ def launch(p, theta, back_off, index, first, rays, tangent, opl):
 
 
 @njit(**_JIT)
-def aim_rays(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, back_off, p, target, theta,
-             tolerance, longest, rounds, rays, tangent, opl, power, status, clearance, foot):  # fmt: skip
+def aim_rays(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, back_off, p, target,
+             theta, tolerance, longest, rounds, rays, tangent, opl, power, status, clearance, foot):  # fmt: skip
     """Newton's method for the directions with which rays from p (N, 2) end on ``target`` (2,; m).
 
     Sequence as in ``trace_sequence``. theta (N, 2): first guess, changed in place; tolerance, m, of where a ray ends;
@@ -466,8 +500,8 @@ def aim_rays(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ape
         status_now = np.zeros(left, dtype=np.int64)
         foot_now = np.empty((foot.shape[0], 2, left))
         launch(p_now, theta_now, back_off, n1[0], 0, rays_now, tangent_now, opl_now)
-        trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, rays_now, tangent_now,
-                       opl_now, power_now, status_now, clear_now, foot_now)  # fmt: skip
+        trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, rays_now,
+                       tangent_now, opl_now, power_now, status_now, clear_now, foot_now)  # fmt: skip
         still = 0
         for j in range(left):
             i = todo[j]

@@ -15,7 +15,10 @@ from numba import njit
 
 from cgi_wave.kernels.trace import (
     BACKWARD,
+    BARE,
+    FILM,
     MISS,
+    NUMBER,
     PAD,
     REFLECT,
     TIR,
@@ -25,15 +28,18 @@ from cgi_wave.kernels.trace import (
     move_on,
     reflected_totally,
     start,
+    table,
     turn,
 )
 
 #: Operations.
 MEET, BEND, ARRIVE = 0, 1, 2
-#: Columns of a buffer: x, y, z, direction cosines, path length, clearance, power. The last is used for bare faces only.
+#: Columns of a buffer: x, y, z, direction cosines, path length, clearance, power. The last is used for bare faces
+#: and coatings given as tables only.
 COLUMNS = 9
-#: What becomes of rays: columns of ``lost`` are VIGNETTED and the kinds of trouble of ``kernels.trace``.
-VIGNETTED, FATES = 0, 5
+#: What becomes of rays: columns of ``lost`` are VIGNETTED, the kinds of trouble of ``kernels.trace``, and OFF_TABLE
+#: where a coating's table does not hold the angle.
+VIGNETTED, OFF_TABLE, FATES = 0, 5, 6
 #: Sums of the rays that arrive: number, power, power times x, y, x², y², path length and its square.
 SUMS = 8
 #: Rays at a time. A few buffers of them fit into the second-level cache.
@@ -93,16 +99,16 @@ def _add(x, y, opl, clearance, power, factor, uniform, sums):
 
 @njit(**_JIT)
 def trace_branches(kind, source, target, step, skip, rot, shift, curvature, conic, n1, n2, mode, side, bare, aperture,
-                   buffers, factor, back_off, p, theta, sums, lost):  # fmt: skip
+                   film, buffers, factor, back_off, p, theta, sums, lost):  # fmt: skip
     """Trace a fan of rays along all paths of a tree, and add up what arrives on each.
 
     kind, source, target, step, skip (O,): operations: MEET, BEND or ARRIVE, the buffers they read and change, the step
     they take (the path for ARRIVE), and where to go on if no ray is left. rot … aperture: the steps, as in
-    ``kernels.trace.trace_sequence``; ``bare`` is nowhere 1 unless Fresnel's factor is wanted. buffers: their number.
+    ``kernels.trace.trace_sequence``; film: as there, numbered over all steps. buffers: their number.
     factor (P,): power of the coatings along each path. p (N, 2), theta (N, 2) or (1, 2): the fan, from ``back_off``
     before the pupil. sums (P, SUMS), lost (O, FATES): added to.
     """
-    columns = COLUMNS if np.any(bare == 1) else COLUMNS - 1
+    columns = COLUMNS if np.any(bare != NUMBER) else COLUMNS - 1
     room = np.empty((buffers, COLUMNS, SLICE + PAD))
     work = np.empty((3, SLICE + PAD))
     width, living = np.zeros(buffers, dtype=np.int64), np.zeros(buffers, dtype=np.int64)
@@ -146,19 +152,31 @@ def trace_branches(kind, source, target, step, skip, rot, shift, curvature, coni
                 clear(x, y, clearance, aperture[k])
             else:
                 reflect = mode[k] == REFLECT
-                if reflect or n1[k] != n2[k]:
+                if reflect or n1[k] != n2[k] or bare[k] >= FILM:
                     cos_in, cos_out = work[1, :w], work[2, :w]
                     bad = turn(x, y, z, l, m, n, cos_in, cos_out, curvature[k], conic[k], n1[k], n2[k], reflect)
-                    if bare[k] == 1:
+                    beyond = 0
+                    if bare[k] == BARE:
                         fresnel(b[8, :w], cos_in, cos_out, n1[k], n2[k], reflect)
+                    elif bare[k] >= FILM:
+                        beyond = table(b[8, :w], cos_in, cos_out, film[bare[k] - FILM], n1[k], n2[k])
                     bad = 0 if reflect else bad
+                    if beyond > 0:
+                        for i in range(w):
+                            if not b[8, i] >= 0.0:
+                                b[8, i] = 0.0
+                                total = not reflect and reflected_totally(cos_in[i], n1[k], n2[k])
+                                if clearance[i] > 0.0 and not total:
+                                    lost[o, OFF_TABLE] += 1
+                                    failed += 1
+                                    clearance[i] = -1.0
                     if bad > 0:
                         for i in range(w):
                             if clearance[i] > 0.0 and reflected_totally(cos_in[i], n1[k], n2[k]):
                                 lost[o, TIR] += 1
                                 failed += 1
                                 clearance[i] = -1.0
-            if kind[o] == MEET or bad > 0:
+            if kind[o] == MEET or bad > 0 or failed > 0:
                 left = _alive(clearance)
                 lost[o, VIGNETTED] += living[to] - failed - left
                 living[to] = left
@@ -166,6 +184,6 @@ def trace_branches(kind, source, target, step, skip, rot, shift, curvature, coni
                     o = skip[o]
                     continue
                 # A few dead rays cost less than closing their gaps; failed ones would be looked at again each time.
-                if bad > 0 or 4 * left < 3 * w:
+                if bad > 0 or failed > 0 or 4 * left < 3 * w:
                     width[to] = _drop(b, w, columns, place)
             o += 1

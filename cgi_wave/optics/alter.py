@@ -19,8 +19,20 @@ PLAIN = ("reflectance", "transmittance", "reflect_phase_deg", "transmit_phase_de
 
 
 def recoated(system: OpticalSystem, coatings: Mapping[str, CoatingSpec]) -> OpticalSystem:
-    """The system with these coatings on these surfaces, by name."""
-    surfaces = (replace(s, coating=coatings[s.name]) if s.name in coatings else s for s in system.surfaces)
+    """The system with these coatings on both sides of these surfaces, by name.
+
+    Raises InputError for a coating that is a table or names another for light from behind: they belong to a file.
+    """
+    for name, new in coatings.items():
+        if new.table is not None or new.reverse is not None:
+            raise InputError(
+                system.file, name, "table or reverse", "cannot be put on a surface", "write it into the file"
+            )
+
+    def coat(surface: Surface, new: CoatingSpec) -> Surface:
+        return replace(surface, coating=new, reverse=new, tables=(None, None))
+
+    surfaces = (coat(s, coatings[s.name]) if s.name in coatings else s for s in system.surfaces)
     return replace(system, surfaces=tuple(surfaces))
 
 

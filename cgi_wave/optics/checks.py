@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cgi_wave.errors import InputError
-from cgi_wave.optics.schema import InstrumentSpec, SurfaceSpec
+from cgi_wave.optics.schema import DetectorSpec, FileSpec, InstrumentSpec, InterferometerSpec, SurfaceSpec
 
 if TYPE_CHECKING:
     from cgi_wave.optics.system import Surface
@@ -17,8 +17,37 @@ if TYPE_CHECKING:
 CROSSING = 1e-6
 
 
-def check_document(document: InstrumentSpec, file: str) -> None:
+def check_document(document: FileSpec, file: str) -> None:
     """Refuse an instrument whose parts do not refer to each other, or whose values are out of range (InputError)."""
+
+    def refuse(field: str, value: object, problem: str, remedy: str) -> NoReturn:
+        raise InputError(file, field, value, problem, remedy)
+
+    seen = check_frames(document, file)
+    for name, coating in document.coating.items():
+        total = coating.reflectance + coating.transmittance
+        if min(coating.reflectance, coating.transmittance) < 0 or total > 1 + 1e-12:
+            refuse(f"coating.{name}", total, "is not 0 ≤ R, T and R + T ≤ 1", "mend reflectance or transmittance")
+        if coating.reverse is not None and coating.reverse not in document.coating:
+            refuse(f"coating.{name}.reverse", coating.reverse, "is an unknown coating",
+                   f"choose from {', '.join(document.coating)}")  # fmt: skip
+        if coating.table is not None and coating.bare:
+            refuse(f"coating.{name}.bare", True, "stands beside a table", "remove one of them")
+        lobe = coating.scatter
+        if lobe and not (0.0 <= lobe.tis <= 0.5 and lobe.width > 0.0 and -8.0 <= lobe.slope <= 0.0):
+            problem = "is no scattering lobe"
+            refuse(f"coating.{name}.scatter", (lobe.tis, lobe.width, lobe.slope), problem,
+                   "give tis from 0 to 0.5, l above 0, s from -8 to 0")  # fmt: skip
+    if document.entrance.space not in document.space:
+        refuse("entrance.space", document.entrance.space, "is an unknown space", "declare it in [space]")
+    if document.entrance.radius_mm <= 0:
+        refuse("entrance.radius_mm", document.entrance.radius_mm, "is not positive", "give the pupil's radius")
+    _check_channels(document, seen, refuse)
+    _check_bands(document, refuse)
+
+
+def check_frames(document: FileSpec, file: str) -> set[str]:
+    """Refuse frames and surfaces that refer to nothing or have no sense (InputError); the names of all surfaces."""
 
     def refuse(field: str, value: object, problem: str, remedy: str) -> NoReturn:
         raise InputError(file, field, value, problem, remedy)
@@ -44,21 +73,10 @@ def check_document(document: InstrumentSpec, file: str) -> None:
                 refuse(f"{where}.surface", spec.name, "is used twice", "give every surface its own name")
             seen.add(spec.name)
             _check_surface(document, spec, f"{where}.surface.{spec.name}", refuse)
-    for name, coating in document.coating.items():
-        total = coating.reflectance + coating.transmittance
-        if min(coating.reflectance, coating.transmittance) < 0 or total > 1 + 1e-12:
-            refuse(f"coating.{name}", total, "is not 0 ≤ R, T and R + T ≤ 1", "mend reflectance or transmittance")
-    if document.detector.surface not in seen:
-        refuse("detector.surface", document.detector.surface, "is no surface", "name the recording surface")
-    if document.entrance.space not in document.space:
-        refuse("entrance.space", document.entrance.space, "is an unknown space", "declare it in [space]")
-    if document.entrance.radius_mm <= 0:
-        refuse("entrance.radius_mm", document.entrance.radius_mm, "is not positive", "give the pupil's radius")
-    _check_interferometer(document, seen, refuse)
-    _check_bands(document, refuse)
+    return seen
 
 
-def _check_surface(document: InstrumentSpec, spec: SurfaceSpec, where: str, refuse) -> None:  # type: ignore[no-untyped-def]
+def _check_surface(document: FileSpec, spec: SurfaceSpec, where: str, refuse) -> None:  # type: ignore[no-untyped-def]
     if spec.after and spec.after not in document.space:
         refuse(
             f"{where}.after", spec.after, "is an unknown space", f"declare it in [space]: {', '.join(document.space)}"
@@ -91,33 +109,79 @@ def _check_surface(document: InstrumentSpec, spec: SurfaceSpec, where: str, refu
             refuse(f"{where}.aperture", reach, f"reaches beyond the surface of radius {spec.radius_mm} mm", "reduce it")
 
 
-def _check_interferometer(document: InstrumentSpec, seen: set[str], refuse) -> None:  # type: ignore[no-untyped-def]
-    if document.interferometer is None:
-        if any(spec.nominal == "both" for frame in document.frame for spec in frame.surface):
-            refuse("interferometer", None, "is missing although a surface splits", "declare splitter, arm1 and arm2")
-        return
-    inter = document.interferometer
+def _check_channels(document: FileSpec, seen: set[str], refuse) -> None:  # type: ignore[no-untyped-def]
+    """One detector at the top of the file, or channels with one each; every splitter belongs to an interferometer."""
+    single = document.detector, document.interferometer
+    if document.channel:
+        for field, value in zip(("detector", "interferometer"), single, strict=True):
+            if value is not None:
+                refuse(field, "(table)", "stands beside [channel]", f"move it to [channel.NAME.{field}]")
+    elif document.detector is None:
+        refuse("detector", None, "is missing", "declare [detector], or [channel.NAME.detector] for each channel")
+    parts: dict[str, tuple[DetectorSpec | None, InterferometerSpec | None]] = {"": single}
+    if document.channel:
+        parts = {f"channel.{name}.": (part.detector, part.interferometer) for name, part in document.channel.items()}
+    splitters: set[str] = set()
+    for where, (detector, interferometer) in parts.items():
+        if detector is None:
+            refuse(f"{where}detector", None, "is missing", "declare it; each channel has a detector of its own")
+        elif detector.surface not in seen:
+            refuse(f"{where}detector.surface", detector.surface, "is no surface", "name the recording surface")
+        if interferometer is not None:
+            splitters.add(interferometer.splitter)
+            _check_interferometer(interferometer, f"{where}interferometer", seen, refuse)
+    for spec in (spec for frame in document.frame for spec in frame.surface):
+        if spec.nominal == "both" and spec.name not in splitters:
+            where = next(iter(parts))
+            if len(parts) == 1 and parts[where][1] is None:
+                refuse(f"{where}interferometer", None, "is missing although a surface splits",
+                       "declare splitter, arm1 and arm2")  # fmt: skip
+            refuse(f"{spec.name}.nominal", spec.nominal, "splits, but is the splitter of no interferometer",
+                   "name it as a splitter, or let it transmit or reflect")  # fmt: skip
+
+
+def _check_interferometer(inter: InterferometerSpec, where: str, seen: set[str], refuse) -> None:  # type: ignore[no-untyped-def]
     if inter.splitter not in seen:
-        refuse("interferometer.splitter", inter.splitter, "is no surface", "name the splitting surface")
+        refuse(f"{where}.splitter", inter.splitter, "is no surface", "name the splitting surface")
     for name, arm in (("arm1", inter.arm1), ("arm2", inter.arm2)):
         if not arm.surfaces:
-            refuse(f"interferometer.{name}.surfaces", [], "an arm is missing", "list its surfaces, the mirror last")
+            refuse(f"{where}.{name}.surfaces", [], "an arm is missing", "list its surfaces, the mirror last")
         for surface in (*arm.surfaces, *arm.sloped):
             if surface not in seen:
-                refuse(f"interferometer.{name}", surface, "is no surface", "list surfaces of the file")
+                refuse(f"{where}.{name}", surface, "is no surface", "list surfaces of the file")
 
 
-def _check_bands(document: InstrumentSpec, refuse) -> None:  # type: ignore[no-untyped-def]
+def _detector_of(document: FileSpec, band: str, refuse) -> DetectorSpec:  # type: ignore[no-untyped-def]
+    """The detector that a band is recorded with; _check_channels has seen to it that there is one."""
+    name, detectors = document.band[band].channel, {key: part.detector for key, part in document.channel.items()}
+    choice = ", ".join(detectors)
+    if not detectors:
+        if name is not None:
+            refuse(f"band.{band}.channel", name, "is an unknown channel: the file has none",
+                   "remove it, or declare [channel.NAME]")  # fmt: skip
+        found = document.detector
+    elif name is None:
+        refuse(f"band.{band}.channel", None, "is missing in a file with channels", f"choose from {choice}")
+    elif name not in detectors:
+        refuse(f"band.{band}.channel", name, "is an unknown channel", f"choose from {choice}")
+    else:
+        found = detectors[name]
+    assert found is not None
+    return found
+
+
+def _check_bands(document: FileSpec, refuse) -> None:  # type: ignore[no-untyped-def]
     if not document.band:
         refuse("band", {}, "is empty", "declare at least one band")
     for name, band in document.band.items():
+        detector = _detector_of(document, name, refuse)
         r0, r1 = band.zone_rows
-        if not 0 <= r0 < r1 <= document.detector.rows:
+        if not 0 <= r0 < r1 <= detector.rows:
             refuse(
                 f"band.{name}.zone_rows",
                 band.zone_rows,
                 "is no zone of the detector",
-                f"stay in 0 to {document.detector.rows}",
+                f"stay in 0 to {detector.rows}",
             )
         if not band.wavelengths_nm or min(band.wavelengths_nm) <= 0:
             refuse(

@@ -3,6 +3,10 @@
 Lengths end in ``_mm``, ``_um`` or ``_nm`` and angles in ``_deg``; everything becomes SI when a band is resolved.
 A frame is a local axis system; its surfaces follow each other along its z with ``thickness_mm`` between vertices.
 Rotations are intrinsic, about x, then the new y, then the new z; positive is right-handed.
+
+A file describes one detector with its interferometer, or several channels that share a part of the surfaces. A band
+belongs to one channel; resolved for that band (``system.Instrument.band``) the document is that of a file with this
+channel alone.
 """
 
 from __future__ import annotations
@@ -10,13 +14,16 @@ from __future__ import annotations
 import math
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import msgspec
 
 from cgi_wave.errors import InputError
+from cgi_wave.optics.coatings import read_tables
 
 Nominal = Literal["transmit", "reflect", "both", "absorb"]
+#: What a ``set`` table may write into a field of a surface or a frame.
+Setting = float | str | list[float]
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -63,14 +70,48 @@ class FrameSpec(_Strict):
     start_mm: float = 0.0
 
 
+class ScatterSpec(_Strict):
+    """Harvey's lobe about the specular direction: the share ``tis`` of what is reflected or transmitted at normal
+    incidence goes as (1 + (|β − β0|/l)²)^(s/2), β in direction cosines."""
+
+    tis: float
+    width: float = msgspec.field(name="l")
+    slope: float = msgspec.field(name="s")
+
+
+class TableSpec(_Strict):
+    """R and T over wavelength (rows) and angle of incidence (columns), here or in a CSV or NPZ ``file`` beside it.
+
+    Without T, T = 1 − R − ``absorptance``. ``_s`` and ``_p``: for each polarisation, in place of the plain ones.
+    """
+
+    file: str | None = None
+    wavelengths_nm: list[float] | None = None
+    angles_deg: list[float] | None = None
+    reflectance: list[list[float]] | None = None
+    transmittance: list[list[float]] | None = None
+    reflectance_s: list[list[float]] | None = None
+    reflectance_p: list[list[float]] | None = None
+    transmittance_s: list[list[float]] | None = None
+    transmittance_p: list[list[float]] | None = None
+    absorptance: float = 0.0
+
+
 class CoatingSpec(_Strict):
-    """Power reflectance and transmittance, and the phases that the amplitudes take. ``bare``: Fresnel."""
+    """Power reflectance and transmittance, and the phases that the amplitudes take.
+
+    ``bare``: Fresnel; ``table``: in place of the numbers; ``reverse``: the coating that light from behind (local +z)
+    meets, this one if not given; ``scatter``: what part of it is scattered.
+    """
 
     reflectance: float = 0.0
     transmittance: float = 1.0
     reflect_phase_deg: float = 0.0
     transmit_phase_deg: float = 0.0
     bare: bool = False
+    table: TableSpec | None = None
+    reverse: str | None = None
+    scatter: ScatterSpec | None = None
 
 
 class EntranceSpec(_Strict):
@@ -135,22 +176,41 @@ class BandSpec(_Strict):
     target_opd_mm: float
     zone_columns: tuple[int, int] | None = None
     field_fraction: float = 0.8
-    set: dict[str, float | list[float]] = {}
+    channel: str | None = None
+    set: dict[str, Setting] = {}
 
 
-class InstrumentSpec(_Strict):
-    """A whole instrument file."""
+class ChannelSpec(_Strict):
+    """One of several channels: its detector and interferometer, and the values set for every one of its bands."""
+
+    detector: DetectorSpec | None = None
+    interferometer: InterferometerSpec | None = None
+    set: dict[str, Setting] = {}
+
+
+class FileSpec(_Strict):
+    """A whole instrument file: either ``detector`` (and ``interferometer``) or ``channel`` stands in it."""
 
     name: str
     entrance: EntranceSpec
-    detector: DetectorSpec
     frame: list[FrameSpec]
     band: dict[str, BandSpec]
     space: dict[str, str]
     coating: dict[str, CoatingSpec]
-    glass: dict[str, str | float] = {}
+    detector: DetectorSpec | None = None
     interferometer: InterferometerSpec | None = None
+    channel: dict[str, ChannelSpec] = {}
+    glass: dict[str, str | float] = {}
     notes: list[str] = []
+
+
+class InstrumentSpec(FileSpec):
+    """An instrument file resolved for one band: ``detector`` and ``interferometer`` are those of its channel."""
+
+    detector: DetectorSpec
+
+
+_Spec = TypeVar("_Spec", bound=FileSpec)
 
 
 def read_document(path: str | Path) -> dict[str, Any]:
@@ -164,14 +224,24 @@ def read_document(path: str | Path) -> dict[str, Any]:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(name, "file", name, f"is not TOML ({error})", "mend the line that is named") from error
+    read_tables(document, Path(path))
     _refuse_non_finite(name, "", document)
     return document
 
 
-def convert(document: dict[str, Any], file: str) -> InstrumentSpec:
-    """Plain data to a checked ``InstrumentSpec``; InputError names the field that does not fit."""
+def convert(document: dict[str, Any], file: str) -> FileSpec:
+    """Plain data to a ``FileSpec`` of the right types; InputError names the field that does not fit."""
+    return _convert(document, FileSpec, file)
+
+
+def convert_resolved(document: dict[str, Any], file: str) -> InstrumentSpec:
+    """Plain data with one detector to an ``InstrumentSpec``; InputError names the field that does not fit."""
+    return _convert(document, InstrumentSpec, file)
+
+
+def _convert(document: dict[str, Any], kind: type[_Spec], file: str) -> _Spec:
     try:
-        return msgspec.convert(document, InstrumentSpec)
+        return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
         text = str(error)
         problem, _, where = text.partition(" - at `$")

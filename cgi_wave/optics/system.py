@@ -16,15 +16,19 @@ from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
 from cgi_wave.optics import glass
-from cgi_wave.optics.checks import check_document, check_geometry
+from cgi_wave.optics.checks import check_document, check_frames, check_geometry
+from cgi_wave.optics.coatings import CoatingTable, coating_table
 from cgi_wave.optics.schema import (
     BandSpec,
     CoatingSpec,
+    FileSpec,
     FrameSpec,
     InstrumentSpec,
     Nominal,
+    Setting,
     SurfaceSpec,
     convert,
+    convert_resolved,
     read_document,
 )
 
@@ -38,7 +42,7 @@ class Surface:
 
     rotation (3, 3): rows are the local axes in world axes; origin (3,): vertex, m; curvature 1/m;
     aperture (5,): kind (1 circle, 2 rectangle), half width x, y, centre x, y in m; before, after: indices of the spaces
-    on the local −z and +z side, −1 for nothing.
+    on the local −z and +z side, −1 for nothing; reverse, tables: see ``face``.
     """
 
     name: str
@@ -51,6 +55,12 @@ class Surface:
     coating: CoatingSpec
     before: int
     after: int
+    reverse: CoatingSpec
+    tables: tuple[CoatingTable | None, CoatingTable | None]
+
+    def face(self, side: int) -> tuple[CoatingSpec, CoatingTable | None]:
+        """The coating that light meets from the local −z side (0) or from +z (1), and its table if it has one."""
+        return (self.reverse if side else self.coating), self.tables[side]
 
     def sag(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height z of the surface over local (x, y), m."""
@@ -139,7 +149,7 @@ class Instrument:
     """A checked instrument file. ``band(name)`` resolves it."""
 
     file: str
-    document: InstrumentSpec
+    document: FileSpec
     raw: dict[str, Any]
 
     @property
@@ -157,7 +167,14 @@ class Instrument:
         """SHA-256 of the file's content (not of its spelling): first 16 hexadecimal digits."""
         return hashlib.sha256(json.dumps(self.raw, sort_keys=True).encode()).hexdigest()[:16]
 
-    def with_values(self, values: dict[str, float | list[float]], band: str | None = None) -> Instrument:
+    @property
+    def channels(self) -> dict[str, tuple[str, ...]]:
+        """Bands of each channel, in file order; ``{"": bands}`` for a file without channels."""
+        names = tuple(self.document.channel) or ("",)
+        return {name: tuple(b for b, spec in self.document.band.items() if (spec.channel or "") == name)
+                for name in names}  # fmt: skip
+
+    def with_values(self, values: dict[str, Setting], band: str | None = None) -> Instrument:
         """A new instrument with dotted fields replaced ("surface.field", "frame.field"), in one band or everywhere."""
         raw = copy.deepcopy(self.raw)
         if band is None:
@@ -171,10 +188,17 @@ class Instrument:
         if name not in self.document.band:
             raise InputError(self.file, "band", name, "is not in the file", f"choose from {', '.join(self.bands)}")
         raw = copy.deepcopy(self.raw)
-        _apply(raw, self.document.band[name].set, self.file, f"band.{name}.set")
-        document = convert(raw, self.file)
+        spec = self.document.band[name]
+        if spec.channel is not None:
+            channel = raw["channel"][spec.channel]
+            raw |= {part: channel[part] for part in ("detector", "interferometer") if part in channel}
+            _apply(raw, self.document.channel[spec.channel].set, self.file, f"channel.{spec.channel}.set")
+        _apply(raw, spec.set, self.file, f"band.{name}.set")
+        document = convert_resolved(raw, self.file)
+        check_frames(document, self.file)  # again: ``set`` may have written anything into them
         names = list(document.space)
-        surfaces = tuple(_place(document, names))
+        surfaces = tuple(_place(document, names, self.file))
+        _check_tables(surfaces, self.document.band[name], self.file)
         check_geometry(document, surfaces, self.file)
         pages = tuple(_glass_page(document, space, self.file) for space in names)
         return OpticalSystem(self.name, name, self.file, surfaces, tuple(names), pages, document.band[name], document)
@@ -213,7 +237,7 @@ def _glass_page(document: InstrumentSpec, space: str, file: str) -> str | float:
     return document.glass[name]
 
 
-def _apply(raw: dict[str, Any], values: dict[str, float | list[float]], file: str, where: str = "set") -> None:
+def _apply(raw: dict[str, Any], values: dict[str, Setting], file: str, where: str = "set") -> None:
     """Write dotted values into plain data, in place."""
     targets: dict[str, dict[str, Any]] = {}
     for frame in raw["frame"]:
@@ -222,15 +246,31 @@ def _apply(raw: dict[str, Any], values: dict[str, float | list[float]], file: st
             targets[surface["name"]] = surface
     for dotted, value in values.items():
         name, _, field = dotted.partition(".")
-        if name not in targets or field not in (*SurfaceSpec.__struct_fields__, *FrameSpec.__struct_fields__):
+        known = {*SurfaceSpec.__struct_fields__, *FrameSpec.__struct_fields__} - {"name", "surface"}
+        if name not in targets or field not in known:
             raise InputError(
                 file, f"{where}.{dotted}", value, "names no surface or frame, or no field of one", "write surface.field"
             )
         targets[name][field] = list(value) if isinstance(value, list | tuple) else value
 
 
-def _place(document: InstrumentSpec, spaces: list[str]) -> list[Surface]:
+def _check_tables(surfaces: tuple[Surface, ...], band: BandSpec, file: str) -> None:
+    """Refuse tables that do not hold the band, or that leave open what light from behind meets (InputError)."""
+    for surface in surfaces:
+        for table in {id(one): one for one in surface.tables if one is not None}.values():
+            for nm in (min(band.wavelengths_nm), max(band.wavelengths_nm)):
+                table.covers(1.0 / (nm * NM))
+        front = surface.tables[0]
+        if min(surface.before, surface.after) >= 0 and front and surface.coating.reverse is None:
+            if not front.lossless:
+                raise InputError(file, f"coating.{front.name}.reverse", None,
+                                 f"is missing: the coating absorbs, and {surface.name} is met from both sides",
+                                 "name the coating that light from behind meets, itself if it is alike")  # fmt: skip
+
+
+def _place(document: InstrumentSpec, spaces: list[str], file: str) -> list[Surface]:
     """Give every surface its pose in the world; frames attach to surfaces that stand earlier in the file."""
+    tables = {name: coating_table(name, coating, file) for name, coating in document.coating.items()}
     frames: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
     placed: list[Surface] = []
     number = {space: i for i, space in enumerate(spaces)} | {"": -1}
@@ -244,9 +284,12 @@ def _place(document: InstrumentSpec, spaces: list[str]) -> list[Surface]:
             local = axes @ rotation(spec.tilt_deg)
             curvature = 1.0 / (spec.radius_mm * MM) if spec.radius_mm else 0.0
             conic = spec.conic if spec.shape == "conic" else 0.0
+            coating = document.coating[spec.coating]
+            behind = coating.reverse or spec.coating
             placed.append(
                 Surface(spec.name, spec.nominal, curvature, conic, local.T.copy(), vertex,
-                        _aperture(spec), document.coating[spec.coating], number[before], number[spec.after])
+                        _aperture(spec), coating, number[before], number[spec.after],
+                        document.coating[behind], (tables[spec.coating], tables[behind]))
             )  # fmt: skip
             frames[spec.name] = (axes, origin + axes @ np.array([0.0, 0.0, z]))
             z, before = z + spec.thickness_mm * MM, spec.after

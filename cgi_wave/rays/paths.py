@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
 from cgi_wave.kernels import search as walk
 from cgi_wave.kernels import trace as kernel
-from cgi_wave.optics.system import OpticalSystem
+from cgi_wave.optics.system import OpticalSystem, Surface
 
 Interaction = Literal["transmit", "reflect"]
 Step = tuple[str, Interaction]
@@ -179,8 +179,7 @@ def explore(
     extra_r = np.array([int(k in ("transmit", "absorb")) for k in nominal])
     sigma = system.sigma0
     index = system.index(sigma)
-    power_t = np.array([1.0 if s.coating.bare else s.coating.transmittance for s in surfaces])
-    power_r = np.array([_bare_reflectance(s, index) if s.coating.bare else s.coating.reflectance for s in surfaces])
+    power_t, power_r = np.array([_powers(s, index, sigma) for s in surfaces]).T
 
     sides = np.array([[s.before, s.after] for s in surfaces])
     graph = (sides, start, members)
@@ -241,9 +240,18 @@ def _bounds(system: OpticalSystem) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return np.array([i for row in rows for i in row], dtype=np.int64), start
 
 
-def _bare_reflectance(surface, index: NDArray[np.float64]) -> float:  # type: ignore[no-untyped-def]
+def _powers(surface: Surface, index: NDArray[np.float64], sigma: float) -> tuple[float, float]:
+    """T and R that the search takes: a bare face's at normal incidence, a table's largest, the larger of both sides."""
     n1, n2 = index[surface.before], index[surface.after]
-    return float(((n1 - n2) / (n1 + n2)) ** 2)
+    found = []
+    for coating, table in (surface.face(0), surface.face(1)):
+        if table is not None:
+            found.append(table.most(sigma)[::-1])
+        elif coating.bare:
+            found.append((1.0, float(((n1 - n2) / (n1 + n2)) ** 2)))
+        else:
+            found.append((coating.transmittance, coating.reflectance))
+    return max(t for t, _ in found), max(r for _, r in found)
 
 
 # The search returns 2·surface + interaction, and both kernels mean the same by an interaction.

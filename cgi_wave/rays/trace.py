@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError
 from cgi_wave.kernels.trace import (
     BACKWARD,
+    BEYOND,
+    FILM,
     KINDS,
     MISS,
     REFLECT,
@@ -26,12 +28,14 @@ from cgi_wave.kernels.trace import (
     trace_fan,
     trace_sequence,
 )
+from cgi_wave.optics.coatings import CoatingTable
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
 
 Array = NDArray[np.float64]
 #: Kinds of trouble in words that the name of a surface follows.
 WORDS = {
+    BEYOND: "beyond the coating's table at",
     MISS: "missed",
     TIR: "total internal reflection at",
     BACKWARD: "virtual at",
@@ -57,6 +61,7 @@ class Sequence:
     weight: Array
     bare: NDArray[np.int64]
     aperture: Array
+    film: Array
     phase: float
     names: tuple[str, ...]
     back_off: float
@@ -66,7 +71,7 @@ class Sequence:
         """The arrays as ``kernels.trace`` takes them."""
         return (
             self.rot, self.shift, self.curvature, self.conic, self.n1, self.n2, self.mode, self.side, self.weight,
-            self.bare, self.aperture,
+            self.bare, self.aperture, self.film,
         )  # fmt: skip
 
     def upto(self, count: int) -> Sequence:
@@ -74,7 +79,7 @@ class Sequence:
         return Sequence(
             self.rot[:count], self.shift[:count], self.curvature[:count], self.conic[:count], self.n1[:count],
             self.n2[:count], self.mode[:count], self.side[:count], self.weight[:count], self.bare[:count],
-            self.aperture[:count], self.phase, self.names[:count], self.back_off,
+            self.aperture[:count], self.film, self.phase, self.names[:count], self.back_off,
         )  # fmt: skip
 
 
@@ -128,6 +133,7 @@ class _Route:
     aperture: Array
     phase: float
     flips: NDArray[np.int64]
+    tables: tuple[CoatingTable | None, ...]
     names: tuple[str, ...]
     back_off: float
 
@@ -147,6 +153,7 @@ def _route(system: OpticalSystem, path: Path) -> _Route:
     surfaces = system.surfaces
     space = system.spaces.index(system.document.entrance.space)
     numbers, before, after, mode, side, weight, bare, flips = [], [], [], [], [], [], [], []
+    tables: list[CoatingTable | None] = []
     phase = 0.0
     steps = [*path.steps, (surfaces[system.detector].name, "absorb")]
     for k, (name, act) in enumerate(steps):
@@ -159,13 +166,14 @@ def _route(system: OpticalSystem, path: Path) -> _Route:
         numbers.append(number)
         side.append(0.0 if surface.before == surface.after else 1.0 if space == surface.before else -1.0)
         before.append(space)
-        coating = surface.coating
+        coating, table = surface.face(int(space != surface.before))
+        tables.append(table if act != "absorb" else None)
         mode.append(REFLECT if act == "reflect" else REFRACT)
         if act == "reflect":
-            bounce = coating.bare and other >= 0
-            after.append(other if bounce else space)
+            # Fresnel's factor and a table's angles need what lies behind.
+            after.append(other if (coating.bare or table) and other >= 0 else space)
             weight.append(coating.reflectance)
-            flips += [k] if bounce else []
+            flips += [k] if coating.bare and other >= 0 else []
             phase += np.radians(coating.reflect_phase_deg)
         elif act == "transmit":
             if other < 0:
@@ -185,7 +193,7 @@ def _route(system: OpticalSystem, path: Path) -> _Route:
         np.array([surfaces[k].conic for k in numbers]), np.array(before), np.array(after),
         np.array(mode, dtype=np.int64), np.array(side), np.array(weight), np.array(bare, dtype=np.int64),
         np.array([surfaces[k].aperture for k in numbers]), float(phase), np.array(flips, dtype=np.int64),
-        tuple(name for name, _ in steps), system.document.entrance.back_off_mm * 1e-3,
+        tuple(tables), tuple(name for name, _ in steps), system.document.entrance.back_off_mm * 1e-3,
     )  # fmt: skip
 
 
@@ -196,10 +204,33 @@ def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequenc
     n1, n2 = index[route.before], index[route.after]
     # A bare face turns the phase of what it reflects by π if light comes from the thinner medium.
     phase = route.phase + np.pi * int((n2[route.flips] > n1[route.flips]).sum())
+    film, bare = _films(route, sigma)
     return Sequence(
-        route.rot, route.shift, route.curvature, route.conic, n1, n2, route.mode, route.side, route.weight, route.bare,
-        route.aperture, phase, route.names, route.back_off,
+        route.rot, route.shift, route.curvature, route.conic, n1, n2, route.mode, route.side, route.weight, bare,
+        route.aperture, film, phase, route.names, route.back_off,
     )  # fmt: skip
+
+
+def _films(route: _Route, sigma: float) -> tuple[Array, NDArray[np.int64]]:
+    """Tables met along a route at one wavenumber (F, M, 5), padded behind their ends; ``bare`` with their numbers."""
+    if not any(route.tables):
+        return np.empty((0, 0, 5)), route.bare
+    rows: list[Array] = []
+    bare = route.bare.copy()
+    for k, table in enumerate(route.tables):
+        if table is not None:
+            film = table.film(sigma)
+            cubics = film.r if route.mode[k] == REFLECT else film.t
+            bare[k] = FILM + len(rows)
+            rows.append(np.column_stack([film.knot, cubics]))
+    return pad_films(rows), bare
+
+
+def pad_films(rows: list[Array]) -> Array:
+    """Tables of coatings (M, 5) as one array (F, M, 5): the shorter ones repeat what stands behind their ends."""
+    longest = max((len(row) for row in rows), default=0)
+    padded = [np.vstack([row, np.tile(row[-1:], (longest - len(row), 1))]) for row in rows]
+    return np.array(padded).reshape(len(rows), longest, 5)
 
 
 def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False, threads: int = 1) -> Traced:

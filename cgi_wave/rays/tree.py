@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError, InputError
-from cgi_wave.kernels.tree import ARRIVE, BEND, FATES, MEET, SUMS, VIGNETTED, trace_branches
+from cgi_wave.kernels.trace import BEYOND, FILM, NUMBER
+from cgi_wave.kernels.tree import ARRIVE, BEND, FATES, MEET, OFF_TABLE, SUMS, VIGNETTED, trace_branches
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
-from cgi_wave.rays.trace import WORDS, Sequence, compile_sequence
+from cgi_wave.rays.trace import WORDS, Sequence, compile_sequence, pad_films
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 #: Pupil points (n, 2) in m, and direction cosines (n, 2) or (1, 2), of rays ``begin`` to ``end``.
 Fan = Callable[[int, int], tuple[Array, Array]]
 
+#: Fates that are no trouble of ``kernels.trace``, or have another number there.
+OTHERS = {VIGNETTED: "vignetted at", OFF_TABLE: WORDS[BEYOND]}
 #: Rays of one call of the kernel: sums of blocks are added in order, whichever thread made them.
 BLOCK = 16384
 
@@ -87,7 +90,7 @@ class Arrivals:
         counts: dict[str, int] = {}
         for o in self.tree.belongs[k]:
             for fate in np.flatnonzero(self.lost[o]):
-                word = "vignetted at" if fate == VIGNETTED else WORDS[int(fate)]
+                word = OTHERS.get(int(fate)) or WORDS[int(fate)]
                 key = f"{word} {self.tree.where[o]}"
                 counts[key] = counts.get(key, 0) + int(self.lost[o, fate])
         return counts
@@ -127,12 +130,23 @@ def grow_tree(system: OpticalSystem, paths: tuple[Path, ...], sigma: float) -> T
         np.array([getattr(sequence, name)[k] for sequence, k in rows])
         for name in ("rot", "shift", "curvature", "conic", "n1", "n2", "mode", "side", "bare", "aperture")
     ]
-    factor = np.array([np.prod(np.where(sequence.bare == 1, 1.0, sequence.weight)) for sequence in compiled])
+    columns.append(_films(rows, columns[-2]))
+    factor = np.array([np.prod(np.where(sequence.bare == NUMBER, sequence.weight, 1.0)) for sequence in compiled])
     names = tuple(rows[k][0].names[rows[k][1]] if kind != ARRIVE else "" for kind, _, _, k, _ in plan.operations)
     return Tree(
         tuple(paths), np.array(plan.operations, dtype=np.int64).T.copy(), tuple(columns), names,
         tuple(plan.belongs[k] for k in range(len(paths))), factor, plan.buffers, compiled[0].back_off,
     )  # fmt: skip
+
+
+def _films(rows: list[tuple[Sequence, int]], bare: Ints) -> Array:
+    """Tables of all steps (F, M, 5), of one length; ``bare`` (steps,) gets their numbers, in place."""
+    found: list[Array] = []
+    for step, (sequence, k) in enumerate(rows):
+        if sequence.bare[k] >= FILM:
+            bare[step] = FILM + len(found)
+            found.append(sequence.film[sequence.bare[k] - FILM])
+    return pad_films(found)
 
 
 class _Plan:

@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cgi_wave.budget.polarisation import PolarisationBound, polarisation_text
 from cgi_wave.budget.table1 import ROWS, format_table1
 from cgi_wave.report import page, plots, tables
 from cgi_wave.report.output import to_json
@@ -147,7 +148,9 @@ def run_text(analysis: Analysis, folder: Path) -> str:
     """Table 1 and where the report is."""
     counts = ", ".join(f"{name} {band.ghost_count} ghosts" for name, band in analysis.bands.items())
     table = format_table1({name: band.table1 for name, band in analysis.bands.items()})
-    return f"{table}\n{counts}; {analysis.seconds:.1f} s\n{folder / 'index.html'}"
+    bounds = {name: band.table1.get("polarisation") for name, band in analysis.bands.items()}
+    lines = [f"{name}: {polarisation_text(PolarisationBound(**bound))}" for name, bound in bounds.items() if bound]
+    return "\n".join([table, *lines, f"{counts}; {analysis.seconds:.1f} s", str(folder / "index.html")])
 
 
 def _summary(band: BandResult) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from cgi_wave.budget.setting import band_setting
 from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.paths import find_paths
 
-# pytest's importlib mode puts no test folder on the path; the small instruments stand with the tests of rays.
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "rays")]
+# pytest's importlib mode puts no test folder on the path; small instruments and scenes stand with others.
+sys.path[:0] = [str(Path(__file__).parent), *(str(Path(__file__).parents[1] / name) for name in ("rays", "fringes"))]
 
 
 @pytest.fixture(scope="session")

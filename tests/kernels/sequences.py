@@ -31,8 +31,8 @@ def run(steps, rays, footprints=False, tangent=None):
            "foot": np.empty((len(steps) if footprints else 0, 2, count))}  # fmt: skip
     tangent = np.empty((0, 6, count)) if tangent is None else tangent
     trace_sequence(np.array(rot), np.array(shift), column("curvature"), column("conic"), column("n1"), column("n2"),
-                   column("mode"), column("side"), column("weight"), column("bare"), column("aperture"), rays, tangent,
-                   **out)  # fmt: skip
+                   column("mode"), column("side"), column("weight"), column("bare"), column("aperture"),
+                   np.empty((0, 0, 5)), rays, tangent, **out)  # fmt: skip
     return rays, out
 
 

@@ -32,7 +32,8 @@ def sequence(steps):
         shift.append(axes @ (s["origin"] - origin))
         axes, origin = s["rotation"], s["origin"]
     names = ("curvature", "conic", "n1", "n2", "mode", "side", "weight", "bare", "aperture")
-    return (np.array(rot), np.array(shift), *(np.array([s[name] for s in steps]) for name in names))
+    columns = (np.array([s[name] for s in steps]) for name in names)
+    return (np.array(rot), np.array(shift), *columns, np.empty((0, 0, 5)))
 
 
 def test_launch_counts_path_from_the_pupil():

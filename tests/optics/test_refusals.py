@@ -52,6 +52,10 @@ def _crossing(raw):
 
 
 def _crossing_in_band(raw):
+    raw["band"]["VIS"]["set"]["L1_front.thickness_mm"] = 1.0
+
+
+def _negative_in_band(raw):
     raw["band"]["VIS"]["set"]["plate2_back.thickness_mm"] = -0.5
 
 
@@ -124,7 +128,8 @@ CASES = [
     (_arm_of_nothing, "interferometer.arm1", "mirror9", "surfaces of the file"),
     (_no_interferometer, "interferometer", "None", "arm1 and arm2"),
     (_crossing, "L1_front.thickness_mm", "1.0", "increase the thickness"),
-    (_crossing_in_band, "plate2_back.thickness_mm", "-0.5", "increase the thickness"),
+    (_crossing_in_band, "L1_front.thickness_mm", "1.0", "increase the thickness"),
+    (_negative_in_band, "plate2_back.thickness_mm", "-0.5", "along z"),
     (_negative, "L2_front.thickness_mm", "-4.0", "along z"),
     (_filter_outside, "band.NIR.filter.centre_nm", "785.0", "move the filter"),
     (_no_width, "band.VIS.filter", "0.0", "positive"),

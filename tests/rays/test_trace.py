@@ -186,8 +186,8 @@ def reverse(sequence, rays):
     side = np.where(reflect, sequence.side, -sequence.side)
     trace_sequence(rot, shift, turned(sequence.curvature, 0.0), turned(sequence.conic, 0.0), turned(n1, space),
                    turned(n2, space), turned(sequence.mode, 0), turned(side, 0.0), turned(sequence.weight, 1.0),
-                   turned(sequence.bare, 0), np.vstack([sequence.aperture[order], np.zeros(5)]), back,
-                   np.empty((0, *rays.shape)), opl, power, status, clearance,
+                   turned(sequence.bare, 0), np.vstack([sequence.aperture[order], np.zeros(5)]), sequence.film,
+                   back, np.empty((0, *rays.shape)), opl, power, status, clearance,
                    np.empty((0, 2, rays.shape[1])))  # fmt: skip
     # Only the pupil plane may lie where the ray is virtual: behind the first surface.
     assert ((status == 0) | (status == KINDS * count + BACKWARD)).all()
