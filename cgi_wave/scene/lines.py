@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,12 @@ class LineList:
     mole_fraction: float
     partition: Callable[[float], float]
     source: str
+
+    def near(self, low: float, high: float) -> LineList:
+        """The lines whose positions lie between two wavenumbers, 1/m."""
+        kept = (self.sigma >= low) & (self.sigma <= high)
+        columns = {field.name: getattr(self, field.name) for field in fields(self)}
+        return LineList(**{name: v[kept] if isinstance(v, np.ndarray) else v for name, v in columns.items()})
 
     def strength_at(self, temperature_k: float) -> NDArray[np.float64]:
         """(L,) intensity in m per molecule at T: Boltzmann factor, partition function, stimulated emission."""
