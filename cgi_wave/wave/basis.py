@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from cgi_wave.kernels.pupil import chebyshev_powers
+from cgi_wave.kernels.outline import chebyshev_powers
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
+from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
 from cgi_wave.kernels.fit import near_points
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
 from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
 from cgi_wave.wave.region import SAFETY, Region, Support, integrate
 from cgi_wave.wave.samples import PupilSamples, Space
+from cgi_wave.wave.support import cutting, domain, fenced, unshadowed
 
 DEGREES = (4, 6, 8, 10, 12, 14, 16)
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
@@ -99,52 +100,12 @@ def _check(samples: PupilSamples) -> None:
         raise InputError(source, "sigma", samples.sigma.tolist(), "not ascending", "sort the wavenumbers")
 
 
-def _domain(samples: PupilSamples, lit: NDArray[np.bool_]) -> tuple[Array, Array, float]:
-    """Centre and semi-axes of the ellipse that bounds the lit samples with a margin; sample spacing in its unit.
-
-    The margin of 1.5 spacings is where the true boundary must lie, beyond the last lit sample.
-    """
-    points = samples.u[lit]
-    lo, hi = points.min(axis=0), points.max(axis=0)
-    centre, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
-    if np.any(half <= 0.0):
-        raise FoldedFieldError(f"{samples.label}: the samples lie on a line; use the position-space field")
-    reach = float(np.sqrt((((points - centre) / half) ** 2).sum(axis=1).max()))
-    spacing = min(float(np.sqrt(np.pi / lit.sum(axis=1).min())), 0.4)
-    return centre, half * reach * (1.0 + 1.5 * spacing), spacing
-
-
 def _near(x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]:
     """(S, N) samples that take part in the fit: in the domain, lit or within one spacing of a lit one.
 
     They hold the boundary; those further out would only ask the polynomial for what it need not do.
     """
     return np.array([near_points(here, chosen, spacing) for here, chosen in zip(x, lit, strict=True)])
-
-
-def _cutting(least: Array, trial: _Trial, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
-    """(K,) which clearances can reach zero within two sample spacings of the lit samples.
-
-    least (K,): their smallest value there; coef (K, n, n), x (N, 2): polynomials and points at the middle sigma.
-    """
-    slopes = polynomials(coef, x)[:, 1:]
-    steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
-    cut: NDArray[np.bool_] = least < 2.0 * spacing * steepest + trial.clearance_worst
-    return cut
-
-
-def _bounded(support: Support, label: str) -> None:
-    """Refuse a support that reaches the edge of the sampled domain: its boundary is not known."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
-    rim = np.column_stack([np.cos(angle), np.sin(angle)])
-    open_rim = polynomials(support.clearance, rim)[:, 0].min(axis=0, initial=np.inf) > 0.0
-    if np.any(open_rim):
-        raise MethodLimitError(
-            _METHOD,
-            f"{label}: the clearances leave {np.mean(open_rim):.0%} of the edge of the sampled domain open",
-            1.0 + float(np.mean(open_rim)),
-            "sample beyond the aperture, or give the clearance of the aperture that the rays were launched into",
-        )
 
 
 @dataclass(frozen=True)
@@ -320,7 +281,7 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
         raise MethodLimitError(
             _METHOD, f"{samples.label}: {counts.min()} lit samples", FEWEST / counts.min(), "trace more rays"
         )
-    centre, scale, spacing = _domain(samples, lit)
+    centre, scale, spacing = domain(samples, lit)
     x = (samples.u - centre) / scale
     inside = _near(x, lit, spacing)
     degrees = _degrees(samples, inside, degree)
@@ -328,9 +289,9 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     trial, simple, residual = _choose(fits, degrees, target)
     middle = samples.sigma.size // 2
     least = samples.clearance[:, lit].min(axis=1)
-    cut = _cutting(least, trial, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
-    support = Support(centre, scale, simple[cut], residual[cut])
-    _bounded(support, samples.label)
+    cut = cutting(least, trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
+    support = unshadowed(Support(centre, scale, simple[cut], residual[cut]))
+    support = fenced(support, x[middle][lit[middle]], spacing, samples.label)
     opl, amplitude = fits.paths(trial.n)
     opl[:, 0, 0] += samples.opl.mean(axis=1)
     region = _region(support, samples.u[middle][lit[middle]], spacing)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
-from cgi_wave.kernels import pupil
+from cgi_wave.kernels import outline, pupil
 from cgi_wave.wave.basis import Array, evaluate, expand
 
 METHOD = "boundary-fitted Gauss panels"
@@ -61,12 +61,16 @@ class Region:
 
 @dataclass(frozen=True)
 class Quadrature:
-    """Rays and radial panels of one level; ``nodes`` is their number."""
+    """Rays and radial panels of one level; ``nodes`` is their number.
+
+    between: area (frame units) between boundaries that are too close to be told apart.
+    """
 
     rays: Array
     owner: NDArray[np.int64]
     panels: NDArray[np.int64]
     nodes: int
+    between: float
 
 
 @dataclass(frozen=True)
@@ -177,7 +181,7 @@ def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
 
 @lru_cache(maxsize=8)
 def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
-    angles = pupil.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
+    angles = outline.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
     if angles.size > _BREAK_LIMIT:
         raise MethodLimitError(
             METHOD,
@@ -199,7 +203,7 @@ def boundary(region: Region) -> tuple[Array, float]:
     """
     curves, missed = [], 0.0
     for span, cornered in _segments(region, 0):
-        part, off = pupil.boundary_curves(region.clearance, region.ellipses, span, cornered, _CURVE_TOLERANCE, 512)
+        part, off = outline.boundary_curves(region.clearance, region.ellipses, span, cornered, _CURVE_TOLERANCE, 512)
         if not np.isfinite(off):
             raise MethodLimitError(
                 METHOD,
@@ -235,23 +239,24 @@ def build(region: Region, steering: Array, tilt: float, level: int) -> Quadratur
     Raises MethodLimitError beyond NODE_CAP nodes, naming the waves and the factor.
     """
     cycles, turn = FIRST_CYCLES / REFINEMENT**level, FIRST_TURN / REFINEMENT**level
-    rays, owner = [], []
-    limit = NODE_CAP // pupil.GAUSS**2
+    rays, owner, between = [], [], 0.0
+    limit = NODE_CAP // outline.GAUSS**2
     for span, cornered in _segments(region, level):
         breaks = pupil.angle_panels(
             region.clearance, region.ellipses, steering, tilt, span, cornered, cycles, turn, level, limit
         )
         if breaks.size == 1:
-            raise _refuse(float(breaks[0]) ** 2 * pupil.GAUSS**2, spread(region, steering))
-        part, ends = pupil.segment_rays(region.clearance, region.ellipses, span, cornered, breaks)
+            raise _refuse(float(breaks[0]) ** 2 * outline.GAUSS**2, spread(region, steering))
+        part, ends, gaps = pupil.segment_rays(region.clearance, region.ellipses, span, cornered, breaks)
+        between += gaps
         rays.append(part)
         owner.append(ends)
     all_rays, all_ends = np.concatenate(rays), np.concatenate(owner)
     panels = pupil.count_panels(all_rays, steering, tilt, cycles, level)
-    nodes = int(panels.sum()) * pupil.GAUSS
+    nodes = int(panels.sum()) * outline.GAUSS
     if nodes > NODE_CAP:
         raise _refuse(nodes, spread(region, steering))
-    return Quadrature(all_rays, all_ends, panels, nodes)
+    return Quadrature(all_rays, all_ends, panels, nodes, between)
 
 
 def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, norm: Array, tol: float) -> Integral:
@@ -272,6 +277,8 @@ def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, n
         sums, weighted, edge = pupil.integrate(
             q.rays, q.owner, q.panels, steering, 0.0, phase, a, b, weight, middle, region.clearance, region.residual
         )
+        # |x|, |y| <= 1 in the frame: the sum of the coefficients bounds a polynomial there
+        edge += q.between * float(np.abs(a[middle]).sum() * np.abs(b[middle]).sum())
         sums, weighted, edge = sums * area, weighted * area, edge * area
         if before is not None:
             change = np.hypot(*(sums - before[0])[:, :2].T)

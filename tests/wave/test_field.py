@@ -143,3 +143,21 @@ def test_fold_and_collapse_are_refused():
     line[:, 1] = 0.0
     with pytest.raises(FoldedFieldError):
         check_map(p, line, 1e6)
+
+
+def test_clearances_in_the_shadow_of_others_are_dropped_and_change_nothing():
+    """A circle cut by a straight edge; circles 2 to 6 % wider bound nothing, one that cuts a corner does."""
+    own = [disc(1.0), lambda x, y: 0.6 - x + 0.1 * y]
+    wider = [disc(1.0 + 0.02 * k) for k in (1, 2, 3)]
+    corner = [lambda x, y: 1.31 - x - y]
+    plain = fit_field(beam(amplitude=lambda x, y: 1.0 + 0.3 * x, clearances=own + corner))
+    crowded = fit_field(beam(amplitude=lambda x, y: 1.0 + 0.3 * x, clearances=own + wider + corner))
+    assert len(plain.support.clearance) == len(crowded.support.clearance) == 3
+    np.testing.assert_allclose(power(crowded)[0], power(plain)[0], rtol=1e-12)
+
+
+def test_a_clearance_that_cuts_by_little_is_kept():
+    """Of five circles the innermost reaches 1 % further than the others in one place, and less in the rest."""
+    circles = [disc(1.0, 0.05 * np.cos(a), 0.05 * np.sin(a)) for a in (0.0, 1.3, 2.5, 3.8, 5.0)]
+    field = fit_field(beam(clearances=circles))
+    assert len(field.support.clearance) == 5

@@ -10,6 +10,7 @@ from scipy.special import j1
 from synthetic_beams import SIGMA, beam, disc, hole
 
 from cgi_wave.errors import InputError, MethodLimitError
+from cgi_wave.wave import hopkins
 from cgi_wave.wave.field import fit_field
 from cgi_wave.wave.overlap import Overlap, mutual_power_bound, overlap, overlap_spectrum
 
@@ -284,6 +285,27 @@ def test_both_methods_agree_on_amplitude_slope_and_cut_pupils():
     assert other.error_bound < 2e-6
     assert other.slope == pytest.approx(one.slope, rel=1e-6)
     assert other.shared == pytest.approx(one.shared, rel=1e-6)
+
+
+@pytest.mark.parametrize("gap", [1e-10, 1e-9, 1e-8, 1e-6, 1e-4])
+@pytest.mark.parametrize("side", ["inside", "outside"])
+def test_slivers_between_circles_that_nearly_touch_are_found_or_bounded(gap, side):
+    """Panels against boundary integrals over exact circles: the obscuration of one pupil about the rim of the other.
+
+    The circles cross by ``gap``, twice within an angle of its square root, where no ray of an even scan may fall; or
+    miss each other by as much.
+    """
+    e = 0.3
+    for sign in (1.0, -1.0):
+        shift = (1.0 - e if side == "inside" else 1.0 + e) + sign * gap
+        pair = hopkins.HopkinsPair(
+            1.25, 0.075, -0.05, 0.1, obscuration=e, shift_x=shift * np.cos(0.3), shift_y=shift * np.sin(0.3)
+        )
+        exact = hopkins.contrast(pair, tol=1e-12)
+        found = overlap(*pair.pupil_fields(), np.array([1.0]), 1e-8, "panels")
+        value = found.value[0] * np.exp(2j * np.pi * found.opd_m[0])
+        assert abs(value - exact.value) <= found.error_bound[0] + exact.error_bound
+        assert found.error_bound[0] < 1e-11
 
 
 def test_refusals_name_limit_and_factor():

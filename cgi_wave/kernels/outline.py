@@ -1,0 +1,424 @@
+"""The outline of a pupil region: where rays from a pivot cross its boundary, where that has corners, its curves.
+
+The region is {all clearances > 0}, bounded by polynomials. Along a ray from the pivot (the origin of the frame used
+here) every bivariate polynomial becomes a univariate one. A ray may meet the region in any number of intervals: stars,
+holes and pieces need no special case.
+
+Conventions: coefficient arrays are (P, n, n) with coef[p, i, j] multiplying x^i y^j and i + j < n; angles in rad;
+lengths are those of the frame. ``kernels.pupil`` builds its quadrature on this module: after a change here, its
+compiled code in Numba's cache is stale (see CONTRIBUTING.md).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+GAUSS = 16
+_X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
+GX = 0.5 * (_X16 + 1.0)  # nodes and weights on (0, 1)
+GW = 0.5 * _W16
+_TO_CHEB = np.linalg.inv(np.polynomial.chebyshev.chebvander(_X16, GAUSS - 1))
+_TO_POWER = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
+for _k in range(GAUSS):
+    _TO_POWER[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
+_TIE = 1e-12  # two boundaries closer than this (frame units) are the same boundary; what lies between them is counted
+_CLOSE = 0.05  # share of its own curvature below which a gap between boundaries is followed to its least width
+MAX_INTERVALS = 8
+
+
+@njit(cache=True, nogil=True)
+def horner(c, x):
+    value = 0.0
+    for k in range(c.shape[0] - 1, -1, -1):
+        value = value * x + c[k]
+    return value
+
+
+@njit(cache=True, nogil=True)
+def chebyshev_powers(shift, stretch, n):
+    """(n, n) matrix of T_i(shift + stretch t) in powers of t."""
+    rows = np.zeros((n, n))
+    rows[0, 0] = 1.0
+    if n > 1:
+        rows[1, 0], rows[1, 1] = shift, stretch
+    for i in range(2, n):
+        for k in range(i + 1):
+            value = 2.0 * shift * rows[i - 1, k] - rows[i - 2, k]
+            if k > 0:
+                value += 2.0 * stretch * rows[i - 1, k - 1]
+            rows[i, k] = value
+    return rows
+
+
+@njit(cache=True, nogil=True)
+def restrict(coef, theta, out):
+    """Univariate coefficients (P, n) of (P, n, n) polynomials along the ray at angle theta."""
+    n = coef.shape[1]
+    cs, sn = np.empty(n), np.empty(n)
+    cs[0] = sn[0] = 1.0
+    c, s = math.cos(theta), math.sin(theta)
+    for k in range(1, n):
+        cs[k] = cs[k - 1] * c
+        sn[k] = sn[k - 1] * s
+    for p in range(coef.shape[0]):
+        for k in range(n):
+            value = 0.0
+            for i in range(k + 1):
+                value += coef[p, i, k - i] * cs[i] * sn[k - i]
+            out[p, k] = value
+
+
+@njit(cache=True, nogil=True)
+def _root_between(f, m, x0, x1, f0):
+    """Root of the polynomial f[:m] in (x0, x1), where its sign changes once: Newton kept inside the bracket."""
+    lo, hi, negative_lo = x0, x1, f0 < 0.0
+    x = 0.5 * (lo + hi)
+    for _ in range(80):
+        value, slope = 0.0, 0.0
+        for k in range(m - 1, -1, -1):
+            slope = slope * x + value
+            value = value * x + f[k]
+        if value == 0.0:
+            return x
+        if (value < 0.0) == negative_lo:
+            lo = x
+        else:
+            hi = x
+        step = x - value / slope if slope != 0.0 else lo
+        if not (lo < step < hi):
+            step = 0.5 * (lo + hi)
+        if abs(step - x) <= 4e-15 * (x1 + abs(x)):
+            return step
+        x = step
+    return x
+
+
+@njit(cache=True, nogil=True)
+def _roots(c, top, out):
+    """All sign changes of the polynomial c on (0, top), ascending: between the roots of its derivatives, in turn."""
+    n = c.shape[0] - 1
+    while n > 1 and c[n] == 0.0:  # most clearances are of low degree, and each degree costs a pass
+        n -= 1
+    # Two cases that need no derivatives, and that nearly all rays are: a concave polynomial that starts positive (an
+    # aperture seen from inside), and a monotone one (a straight edge), by bounds of their derivatives on (0, top).
+    slope, bend, power = 0.0, 0.0, 1.0
+    for k in range(2, n + 1):
+        bend += k * (k - 1) * abs(c[k]) * power if k > 2 else 0.0
+        power *= top
+        slope += k * abs(c[k]) * power
+    concave = n >= 2 and c[0] > 0.0 and 2.0 * c[2] + bend < 0.0
+    if concave or abs(c[1]) > slope:
+        if (c[0] < 0.0) == (horner(c[: n + 1], top) < 0.0):
+            return 0
+        out[0] = _root_between(c, n + 1, 0.0, top, c[0])
+        return 1
+    f = np.empty(n + 1)
+    previous = np.empty(n + 2)
+    count = 0
+    for order in range(n - 1, -1, -1):
+        m = n - order + 1
+        for i in range(m):
+            factor = 1.0
+            for j in range(i + 1, i + order + 1):
+                factor *= j
+            f[i] = c[i + order] * factor
+        for i in range(count):
+            previous[i] = out[i]
+        previous[count] = top
+        found, x0, f0 = 0, 0.0, f[0]
+        for i in range(count + 1):
+            x1 = previous[i]
+            f1 = horner(f[:m], x1)
+            if (f0 < 0.0) != (f1 < 0.0):
+                out[found] = _root_between(f, m, x0, x1, f0)
+                found += 1
+            x0, f0 = x1, f1
+        count = found
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _reach(ellipses, theta):
+    """Distance from the origin to the nearest of the domain ellipses (rows: centre x, y, semi-axes x, y)."""
+    c, s, reach = math.cos(theta), math.sin(theta), np.inf
+    for e in range(ellipses.shape[0]):
+        cx, cy, ax, ay = ellipses[e, 0], ellipses[e, 1], ellipses[e, 2], ellipses[e, 3]
+        qa = (c / ax) ** 2 + (s / ay) ** 2
+        qb = -(c * cx / ax**2 + s * cy / ay**2)
+        qc = (cx / ax) ** 2 + (cy / ay) ** 2 - 1.0
+        root = (-qb + math.sqrt(max(qb * qb - qa * qc, 0.0))) / qa
+        reach = min(reach, root)
+    return reach
+
+
+@njit(cache=True, nogil=True)
+def _crossings(clear, ellipses, theta, poly, at, owner):
+    """Where one ray crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
+
+    poly (K, n) receives the clearances along the ray.
+    """
+    count_k, n = clear.shape[0], clear.shape[1]
+    restrict(clear, theta, poly)
+    top, found = _reach(ellipses, theta), 0
+    roots = np.empty(n + 1)
+    for k in range(count_k):
+        for r in range(_roots(poly[k], top, roots)):
+            j = found
+            while j > 0 and at[j - 1] > roots[r]:
+                at[j], owner[j] = at[j - 1], owner[j - 1]
+                j -= 1
+            at[j], owner[j] = roots[r], k
+            found += 1
+    at[found], owner[found] = top, -2
+    return found + 1
+
+
+@njit(cache=True, nogil=True)
+def _intervals(poly, at, owner, found, ends, which, between):
+    """Intervals of one ray inside the region, from its crossings: see ``cast``."""
+    between[0] = between[1] = 0.0
+    intervals, inside, x0, k0, i = 0, False, 0.0, -1, 0
+    while i < found:
+        x1, k1, j = at[i], owner[i], i
+        while j + 1 < found and at[j + 1] - x1 < _TIE:
+            j += 1
+            if owner[j] != -2:
+                k1 = min(k1, owner[j]) if k1 != -2 else owner[j]
+        between[0], between[1] = max(between[0], at[j] - x1), between[1] + (at[j] - x1) * at[j]
+        mid, positive = 0.5 * (x0 + x1), x1 - x0 >= _TIE
+        for k in range(poly.shape[0]):
+            if positive and horner(poly[k], mid) <= 0.0:
+                positive = False
+        if positive and not inside:
+            if intervals == MAX_INTERVALS:
+                return -1
+            ends[intervals, 0], which[intervals, 0] = x0, k0
+            intervals += 1
+        if positive:
+            ends[intervals - 1, 1], which[intervals - 1, 1] = x1, k1
+        inside = positive
+        x0, k0, i = x1, k1, j + 1
+    return intervals
+
+
+@njit(cache=True, nogil=True)
+def cast(clear, ellipses, theta, ends, which, between):
+    """Intervals of one ray inside the region: fills ends (I, 2) and which (I, 2), returns their number.
+
+    which names the clearance that bounds each end: -1 the pivot, -2 the domain. between (2,) receives the width of the
+    widest stretch between boundaries taken as one, and the sum of such widths times their distances from the pivot.
+    Returns -1 for too many intervals.
+    """
+    count_k, n = clear.shape[0], clear.shape[1]
+    poly, at, owner = np.empty((count_k, n)), np.empty(count_k * n + 1), np.empty(count_k * n + 1, np.int64)
+    found = _crossings(clear, ellipses, theta, poly, at, owner)
+    return _intervals(poly, at, owner, found, ends, which, between)
+
+
+@njit(cache=True, nogil=True)
+def _code(count, which):
+    """A code of a ray's intervals and the clearances that bound them, constant where the boundary is smooth.
+
+    Negative when there are too many intervals.
+    """
+    code = count
+    for i in range(count):
+        code = (code * 31 + which[i, 0] + 3) * 31 + which[i, 1] + 3
+    return code
+
+
+@njit(cache=True, nogil=True)
+def _signature(clear, ellipses, theta, ends, which, between):
+    """``_code`` of the ray at theta."""
+    return _code(cast(clear, ellipses, theta, ends, which, between), which)
+
+
+@njit(cache=True, nogil=True)
+def _closest(clear, ellipses, lo, hi, j, code, ends, which, between):
+    """The angle in (lo, hi) where crossings j and j + 1 of a ray come closest, or where the code is another one.
+
+    Golden section: between lo and hi the crossings keep their order unless two of them pass each other.
+    """
+    golden = 0.5 * (math.sqrt(5.0) - 1.0)
+    count_k, n = clear.shape[0], clear.shape[1]
+    poly, at, owner = np.empty((count_k, n)), np.empty(count_k * n + 1), np.empty(count_k * n + 1, np.int64)
+    inner = np.array([hi - golden * (hi - lo), lo + golden * (hi - lo)])
+    gap = np.full(2, np.nan)
+    for _ in range(48):
+        for e in range(2):
+            if np.isnan(gap[e]):
+                found = _crossings(clear, ellipses, inner[e], poly, at, owner)
+                count = _intervals(poly, at, owner, found, ends, which, between)
+                if _code(count, which) != code:
+                    return inner[e]
+                gap[e] = at[j + 1] - at[j] if j + 1 < found else np.inf
+        if gap[0] < gap[1]:
+            hi, inner[1], gap[1] = inner[1], inner[0], gap[0]
+            inner[0], gap[0] = hi - golden * (hi - lo), np.nan
+        else:
+            lo, inner[0], gap[0] = inner[0], inner[1], gap[1]
+            inner[1], gap[1] = lo + golden * (hi - lo), np.nan
+        if hi - lo < 1e-9:
+            break
+    return 0.5 * (lo + hi)
+
+
+@njit(cache=True, nogil=True)
+def _scan_rays(clear, ellipses, scan, start, ends, which, between):
+    """Angles (ascending, one turn from start) at which codes are compared: even ones, and close encounters.
+
+    Where two boundaries come close between two rays and part again, they may have crossed twice: the place of closest
+    approach, by a parabola through three rays that nearly touches zero and then exactly, is looked at as well.
+    """
+    step = 2.0 * math.pi / scan
+    count_k, n = clear.shape[0], clear.shape[1]
+    size = count_k * n + 1
+    poly = np.empty((count_k, n))
+    at, owner = np.empty((3, size)), np.empty((3, size), np.int64)
+    found = np.zeros(3, np.int64)
+    extra, more = np.empty(4 * scan), 0
+    for s in range(-1, scan + 1):
+        now, before, first = (s + 1) % 3, s % 3, (s - 1) % 3
+        theta = start + s * step
+        found[now] = _crossings(clear, ellipses, theta, poly, at[now], owner[now])
+        if s < 1 or not found[now] == found[before] == found[first]:
+            continue
+        same = True
+        for j in range(found[now]):
+            same = same and owner[now, j] == owner[before, j] == owner[first, j]
+        if not same:
+            continue
+        for j in range(found[now] - 1):
+            a = at[first, j + 1] - at[first, j]
+            b = at[before, j + 1] - at[before, j]
+            c = at[now, j + 1] - at[now, j]
+            bend = a - 2.0 * b + c
+            if not (b <= a and b <= c and bend > 0.0 and owner[now, j] != owner[now, j + 1]):
+                continue
+            if b - (c - a) ** 2 / (8.0 * bend) > _CLOSE * bend or more == extra.size:
+                continue
+            count = _intervals(poly, at[now], owner[now], found[now], ends, which, between)
+            place = _closest(clear, ellipses, theta - 2.0 * step, theta, j, _code(count, which), ends, which, between)
+            if start < place < start + 2.0 * math.pi:
+                extra[more] = place
+                more += 1
+    even = start + step * np.arange(scan + 1)
+    return np.sort(np.concatenate((even, extra[:more])))
+
+
+@njit(cache=True, nogil=True)
+def find_breaks(clear, ellipses, scan, limit):
+    """Angles where the boundary is not smooth, found on `scan` rays and bisected to rounding.
+
+    Returns angles (B,), ascending, within one turn. B = limit + 1 says that there are more than
+    `limit`, or that a ray has more than eight intervals.
+    """
+    ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
+    angles, found, between = np.zeros(limit + 1), 0, np.empty(2)
+    start = 0.1234  # no ray along an axis, where symmetric pupils have their corners
+    rays = _scan_rays(clear, ellipses, scan, start, ends, which, between)
+    left, code_left = start, _signature(clear, ellipses, start, ends, which, between)
+    for right in rays[1:]:
+        code_right = _signature(clear, ellipses, right, ends, which, between)
+        while code_left != code_right:
+            lo, hi, code_hi = left, right, code_right
+            for _ in range(60):
+                mid = 0.5 * (lo + hi)
+                if mid <= lo or mid >= hi:
+                    break
+                code_mid = _signature(clear, ellipses, mid, ends, which, between)
+                if code_mid == code_left:
+                    lo = mid
+                else:
+                    hi, code_hi = mid, code_mid
+            if found == limit or code_hi < 0 or code_left < 0:
+                return angles
+            angles[found] = hi
+            found += 1
+            left, code_left = hi, code_hi
+        left = right
+    if code_left < 0:
+        return angles
+    return angles[:found].copy()
+
+
+@njit(cache=True, nogil=True)
+def warp(t, cornered):
+    """Map (0, 1) to itself, with a vanishing slope at both ends when they are corners; returns value and slope.
+
+    Interval ends move like a square root where a ray is tangent to the boundary, and nearly so close to there.
+    """
+    if cornered:
+        return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
+    return t, 1.0
+
+
+@njit(cache=True, nogil=True)
+def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
+    """Boundary of the region within one angle range as smooth curves, the region to their left.
+
+    Returns (curves (C, 2, 16): powers of s in [-1, 1] of x(s) and y(s); missed: largest of the series' last terms and
+    of the gaps between boundaries taken as one, in frame units). Pieces are halved until the series end below
+    tolerance. No curves and missed = inf: more than `limit` curves, or a number of intervals that changes inside the
+    range.
+    """
+    out = np.empty((limit, 2, GAUSS))
+    ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
+    at = np.empty((GAUSS, MAX_INTERVALS, 2, 2))
+    inner, between = np.empty(MAX_INTERVALS, np.int64), np.empty(2)
+    pieces = np.empty((64, 2))
+    pieces[0, 0], pieces[0, 1] = 0.0, 1.0
+    top, found, missed, width = 1, 0, 0.0, span[1] - span[0]
+    series = np.empty((2, GAUSS))
+    while top > 0:
+        top -= 1
+        t0, t1, count = pieces[top, 0], pieces[top, 1], -1
+        for g in range(GAUSS):
+            theta = span[0] + width * warp(t0 + (t1 - t0) * GX[g], cornered)[0]
+            here = cast(clear, ellipses, theta, ends, which, between)
+            if here < 0 or (count >= 0 and here != count):
+                return out[:0], np.inf
+            count, missed = here, max(missed, between[0])
+            for j in range(count):
+                inner[j] = which[j, 0]
+                for e in range(2):
+                    at[g, j, e, 0], at[g, j, e, 1] = ends[j, e] * math.cos(theta), ends[j, e] * math.sin(theta)
+        worst = 0.0
+        for j in range(count):
+            for e in range(2):
+                for axis in range(2):
+                    for k in range(GAUSS - 3, GAUSS):
+                        total = 0.0
+                        for g in range(GAUSS):
+                            total += _TO_CHEB[k, g] * at[g, j, e, axis]
+                        worst = max(worst, abs(total))
+        if worst > tolerance and t1 - t0 > 1e-3:
+            if top + 2 > pieces.shape[0]:
+                return out[:0], np.inf
+            pieces[top, 0], pieces[top, 1] = t0, 0.5 * (t0 + t1)
+            pieces[top + 1, 0], pieces[top + 1, 1] = 0.5 * (t0 + t1), t1
+            top += 2
+            continue
+        missed = max(missed, worst)
+        for j in range(count):
+            for e in range(2):
+                if e == 0 and inner[j] == -1:
+                    continue  # the pivot: a point, not a boundary
+                if found == limit:
+                    return out[:0], np.inf
+                for axis in range(2):
+                    for k in range(GAUSS):
+                        series[axis, k] = 0.0
+                        for g in range(GAUSS):
+                            series[axis, k] += _TO_CHEB[k, g] * at[g, j, e, axis]
+                    for k in range(GAUSS):
+                        total = 0.0
+                        for q in range(k, GAUSS):
+                            total += _TO_POWER[k, q] * series[axis, q]
+                        # outer ends run with growing angle, inner ones against it
+                        out[found, axis, k] = total if e == 1 or k % 2 == 0 else -total
+                found += 1
+    return out[:found].copy(), missed
