@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
 from cgi_wave.budget.ghosts import families, ghost_rows
+from cgi_wave.budget.other_light import other_light
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
@@ -57,13 +58,17 @@ class FieldResult:
 
 @dataclass(frozen=True)
 class BandResult:
-    """One band: its field points, Table 1's column, the ghost table (rows as in the command ``ghosts``), the plan."""
+    """One band: its field points, Table 1's column, the ghost table (rows as in the command ``ghosts``), the plan.
+
+    other_light: of other channels on this one's detector, see ``budget.other_light``; None where nothing is declared.
+    """
 
     name: str
     fields: tuple[FieldResult, ...]
     table1: dict[str, Any]
     ghosts: list[dict[str, Any]]
     plan: str
+    other_light: dict[str, Any] | None = None
 
     @property
     def ghost_count(self) -> int:
@@ -141,6 +146,7 @@ def analyse_bands(
             for name in names:
                 if index < len(systems[name].field_points()):
                     pending[name].append(pool.submit(analyse_field, tasks[name], index))
+        other = {name: pool.submit(other_light_of, instrument.raw, instrument.file, name) for name in names}
         for name, futures in pending.items():
             fields = []
             for future in futures:
@@ -149,8 +155,15 @@ def analyse_bands(
                 progress(f"{name}: field point {len(fields)} of {len(futures)}: {pairs} pairs of beams")
             rows = ghost_rows(systems[name], [(field.point, field.source) for field in fields])
             column = table1(name, [field.retrieval for field in fields], families=families(rows))
-            results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60))
+            results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60),
+                                       other[name].result())  # fmt: skip
     return results
+
+
+def other_light_of(raw: dict[str, Any], file: str, name: str) -> dict[str, Any] | None:
+    """Light of other channels in a band, from the instrument's plain data: what a process can be asked for."""
+    with threadpool_limits(1):
+        return other_light(from_document(raw, file), name)
 
 
 def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cross_family: bool) -> tuple[Task, int]:

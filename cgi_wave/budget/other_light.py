@@ -120,7 +120,7 @@ def _rows(
             "source": source, "range_m": [low, high],
             "reflections": " ".join(f"{name}:{act[0]}" for name, act in history) or "nominal path",
             "order": members[0][0].order, "paths": len(members),
-            "unrejected": power * unit / bandpass, "power": power * unit * rejection, "error": error * unit * rejection,
+            "unrejected": power * unit, "power": power * unit * rejection, "error": error * unit * rejection,
         })  # fmt: skip
     return sorted(rows, key=lambda row: -float(row["power"]))
 

@@ -84,7 +84,7 @@ def render(document: Mapping[str, Any]) -> str:
           ``why_rows``, a sentence per printed row, or None
         * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``, and ``path``, which unfolds under the label
         * ``pictures``: list of {``file``, ``caption``}
-        * ``plan``: text shown as it stands, or ""
+        * ``plan``, ``other_light``: text shown as it stands, or ""
     """
     import jinja2
 
