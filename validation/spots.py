@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(File(__file__).parent))
-from rays import as_traced, batoid_tracer, pupil_points  # noqa: E402
+from rays import as_traced, batoid_tracer, pupil_points
 
-from cgi_wave.optics.system import load_instrument  # noqa: E402
-from cgi_wave.rays.beams import nominal_direction  # noqa: E402
-from cgi_wave.rays.paths import find_paths  # noqa: E402
-from cgi_wave.rays.trace import compile_sequence, trace  # noqa: E402
+from cgi_wave.optics.system import load_instrument
+from cgi_wave.rays.beams import nominal_direction
+from cgi_wave.rays.paths import find_paths
+from cgi_wave.rays.trace import compile_sequence, trace
 
 Array = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ def other_light(instrument: Instrument, band: str) -> dict[str, Any] | None:
 
 
 def _own_light(system: OpticalSystem) -> float:
-    """Nominal light of both arms at the zone's centre: solid angle (times coatings) times radiance through the filter."""
+    """Nominal light of both arms at the zone's centre: solid angle times coatings times filtered radiance."""
     radiance, band_filter = band_spectrum(system, RADIANCE_OPD)
     through = radiance.radiance * band_filter.transmission(radiance.sigma)
     step = float(radiance.sigma[1] - radiance.sigma[0])
@@ -87,7 +88,7 @@ def _shares(
     """(band, from, to): the declared range (m), cut half way between the bands' wavelengths."""
     centre = sorted((instrument.document.band[name].filter.centre_nm * NM, name) for name in sources)
     low, high = (value * NM for value in declared.range_nm)
-    cuts = [low, *(np.clip((a[0] + b[0]) / 2, low, high) for a, b in zip(centre[:-1], centre[1:], strict=True)), high]
+    cuts = [low, *(np.clip((a[0] + b[0]) / 2, low, high) for a, b in pairwise(centre)), high]
     return [(name, float(a), float(b)) for (_, name), a, b in zip(centre, cuts[:-1], cuts[1:], strict=True) if b > a]
 
 
@@ -110,7 +111,7 @@ def _rows(
         families.setdefault(item[0].history, []).append(item)
     unit = light / own
     per_estimate = sum(power for path, power, _ in traced if path.order == 0)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for history, members in families.items():
         power = sum(item[1] for item in members)
         error = float(np.hypot.reduce([item[2] for item in members]))

@@ -132,9 +132,9 @@ def _check_channels(document: FileSpec, seen: set[str], refuse) -> None:  # type
             _check_out_of_band(channel.out_of_band, f"channel.{name}.out_of_band", seen, refuse)
     for spec in (spec for frame in document.frame for spec in frame.surface):
         if spec.nominal == "both" and spec.name not in splitters:
-            where = next(iter(parts))
-            if len(parts) == 1 and parts[where][1] is None:
-                refuse(f"{where}interferometer", None, "is missing although a surface splits",
+            lacking = [where for where, (_, inter) in parts.items() if inter is None]
+            if lacking:
+                refuse(f"{lacking[0]}interferometer", None, "is missing although a surface splits",
                        "declare splitter, arm1 and arm2")  # fmt: skip
             refuse(f"{spec.name}.nominal", spec.nominal, "splits, but is the splitter of no interferometer",
                    "name it as a splitter, or let it transmit or reflect")  # fmt: skip

@@ -202,7 +202,9 @@ class Instrument:
     def _values(self, name: str) -> list[tuple[str, dict[str, Setting]]]:
         """What a band sets, and where: its channel's values first."""
         spec = self.document.band[name]
-        shared = [] if spec.channel is None else [(f"channel.{spec.channel}.set", self.document.channel[spec.channel].set)]
+        shared = (
+            [] if spec.channel is None else [(f"channel.{spec.channel}.set", self.document.channel[spec.channel].set)]
+        )
         return [*shared, (f"band.{name}.set", spec.set)]
 
     def _resolve(self, name: str, values: list[tuple[str, dict[str, Setting]]]) -> OpticalSystem:

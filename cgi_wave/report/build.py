@@ -155,8 +155,9 @@ def other_light_text(found: Mapping[str, Any] | None) -> str:
         return ""
     assumed, lines = found["assumptions"], []
     low, high = (1e9 * value for value in assumed["range_m"])
-    lines.append(f"assumed from {low:.0f} to {high:.0f} nm: filter passes {assumed['filter_transmittance']:g}, detector "
-                 f"responds {assumed['detector_response']:g} of what it does in its band; no gas in the way")  # fmt: skip
+    filter_passes, response = assumed["filter_transmittance"], assumed["detector_response"]
+    lines.append(f"assumed from {low:.0f} to {high:.0f} nm: filter passes {filter_passes:g}, detector responds "
+                 f"{response:g} of what it does in its band; no gas in the way")  # fmt: skip
     lines.append("power relative to the nominal beams; its error is that of tracing, not of what is assumed")
     for row in sorted(found["rows"], key=lambda row: -row["power"])[:OTHER_LIGHT_ROWS]:
         low, high = (1e9 * value for value in row["range_m"])

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Heights of the relays' axes over their cubes', mm: half-beam (24 mm), convex mirror (17.6 mm) and 2 mm to pass it. The
-#: SWIR beams lean a little more.
+#: Heights of the relays' axes over their cubes', mm: half-beam (24 mm), convex mirror (17.6 mm) and 2 mm to pass it.
+#: The SWIR beams lean a little more.
 AXIS, SWIR_AXIS = -44.0, -45.4
 
 
@@ -31,7 +31,6 @@ class Recipe:
     bounds: dict[str, tuple[float, float]]
     axis: float
     concave: tuple[float, float]
-
 
 
 def _decentres(axis: float) -> dict[str, tuple[float, float]]:

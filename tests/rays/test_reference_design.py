@@ -87,7 +87,9 @@ def test_lenses_have_edges(system):
 
 
 def test_an_obstruction_is_found(system):
-    shifted = load_instrument().with_values({prefixed(system, "mask_around_M2.shift_mm"): [0.0, 3.5, 0.0]}).band(system.band)
+    shifted = (
+        load_instrument().with_values({prefixed(system, "mask_around_M2.shift_mm"): [0.0, 3.5, 0.0]}).band(system.band)
+    )
     sequence = compile_sequence(shifted, measure.nominal_paths(system)[0], system.sigma0)
     theta = measure.field_angles(sequence, full_field(shifted)[:1])[0]
     found = measure.obstruction_margins(shifted, sequence, rim_rays(shifted), theta)

@@ -54,6 +54,7 @@ DOCUMENT = {
             "ghosts": [GHOST, GHOST | {"label": "L1", "contrast": None, "contrast_error": None}],
             "pictures": [{"file": "NIR-psi.png", "caption": "PSI", "wide": False}],
             "plan": "kept 1 < 2",
+            "other_light": "1e-6 of it",
         }
     ],
 }

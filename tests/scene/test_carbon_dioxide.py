@@ -11,7 +11,8 @@ from cgi_wave.scene.filters import Filter
 from cgi_wave.scene.lines import C2_M_K
 from cgi_wave.scene.radiance import toa_radiance
 
-# Positions in cm⁻¹, intensities in cm/molecule at 296 K and air half-widths in cm⁻¹/atm as HITRAN lists them, intensities per molecule of natural CO2.
+# Positions in cm⁻¹, intensities in cm per molecule of natural CO2 at 296 K and air half-widths in cm⁻¹/atm, as HITRAN
+# lists them.
 PUBLISHED = {
     ("30012 P", 16): (6334.464734, 1.62e-23, 0.0758),
     ("30012 R", 16): (6359.967248, 1.76e-23, 0.0741),
