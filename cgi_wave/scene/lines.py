@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,8 @@ class LineList:
     def near(self, low: float, high: float) -> LineList:
         """The lines whose positions lie between two wavenumbers, 1/m."""
         kept = (self.sigma >= low) & (self.sigma <= high)
-        columns = {field.name: getattr(self, field.name) for field in fields(self)}
-        return replace(self, **{name: value[kept] for name, value in columns.items() if isinstance(value, np.ndarray)})
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        return LineList(**{name: v[kept] if isinstance(v, np.ndarray) else v for name, v in values.items()})
 
     def strength_at(self, temperature_k: float) -> NDArray[np.float64]:
         """(L,) intensity in m per molecule at T: Boltzmann factor, partition function, stimulated emission."""
