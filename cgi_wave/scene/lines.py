@@ -47,7 +47,8 @@ class LineList:
         """The lines whose positions lie between two wavenumbers, 1/m."""
         kept = (self.sigma >= low) & (self.sigma <= high)
         values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        return LineList(**{name: v[kept] if isinstance(v, np.ndarray) else v for name, v in values.items()})
+        values |= {name: value[kept] for name, value in values.items() if isinstance(value, np.ndarray)}
+        return LineList(**values)
 
     def strength_at(self, temperature_k: float) -> NDArray[np.float64]:
         """(L,) intensity in m per molecule at T: Boltzmann factor, partition function, stimulated emission."""
