@@ -50,6 +50,11 @@ _HOME = {
     "point_source": "budget.pointsource",
     "select_ghosts": "budget.select",
     "table1": "budget.table1",
+    # what ghosts cost whom, and what would help
+    "attribute": "budget.attribution",
+    "cost_table": "budget.cost_table",
+    "interferogram_terms": "fringes.psi",
+    "rank_remedies": "ranking",
     # the main job
     "analyse": "analysis",
     "analyse_band": "analysis",
