@@ -17,6 +17,7 @@ from cgi_wave.budget.attribution import FieldCosts, attribute
 from cgi_wave.budget.cost_table import cost_table
 from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
 from cgi_wave.budget.ghosts import families, ghost_rows
+from cgi_wave.budget.other_light import other_light
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
@@ -63,7 +64,10 @@ class FieldResult:
 @dataclass(frozen=True)
 class BandResult:
     """One band: its field points, Table 1's column, the ghost table (rows as in the command ``ghosts``), the plan, and
-    what each surface costs (``budget.cost_table.cost_table``)."""
+    what each surface costs (``budget.cost_table.cost_table``).
+
+    other_light: of other channels on this one's detector, see ``budget.other_light``; None where nothing is declared.
+    """
 
     name: str
     fields: tuple[FieldResult, ...]
@@ -71,6 +75,7 @@ class BandResult:
     ghosts: list[dict[str, Any]]
     plan: str
     costs: dict[str, Any]
+    other_light: dict[str, Any] | None = None
 
     @property
     def ghost_count(self) -> int:
@@ -148,6 +153,7 @@ def analyse_bands(
             for name in names:
                 if index < len(systems[name].field_points()):
                     pending[name].append(pool.submit(analyse_field, tasks[name], index))
+        other = {name: pool.submit(other_light_of, instrument.raw, instrument.file, name) for name in names}
         for name, futures in pending.items():
             fields = []
             for future in futures:
@@ -159,8 +165,15 @@ def analyse_bands(
             bound = fields[0].polarisation
             column["polarisation"] = bound.document() if bound else None
             costs = cost_table(systems[name], [field.costs for field in fields])
-            results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60), costs)
+            plan = fields[0].point.plan.table(60)
+            results[name] = BandResult(name, tuple(fields), column, rows, plan, costs, other[name].result())
     return results
+
+
+def other_light_of(raw: dict[str, Any], file: str, name: str) -> dict[str, Any] | None:
+    """Light of other channels in a band, from the instrument's plain data: what a process can be asked for."""
+    with threadpool_limits(1):
+        return other_light(from_document(raw, file), name)
 
 
 def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cross_family: bool) -> tuple[Task, int]:

@@ -5,7 +5,7 @@
     uv run python scripts/design_reference.py --write    optimise and write the result into the file
     uv run --group validation python scripts/design_reference.py --independent    trace it with batoid, too
 
-The optimisation starts from the values in ``scripts/design/model.py``; of the stored file it takes what it does not
+The optimisation starts from the values in ``scripts/design/recipes.py``; of the stored file it takes what it does not
 change (lenses 1 to 3, dichroic, cube, coatings, bands).
 """
 
@@ -17,7 +17,8 @@ from pathlib import Path
 
 from design import pipeline
 from design.independent import print_comparison
-from design.model import Values
+from design.model import Values, per_band
+from design.recipes import RECIPES
 from design.report import compare, print_report
 from design.tomlfile import edit
 
@@ -26,11 +27,15 @@ from cgi_wave.optics.system import REFERENCE, Instrument, load_instrument
 
 def design(template: Instrument) -> dict[str, Values]:
     """The designed values: "" for the instrument's, and one entry per band."""
-    named = pipeline.optimise(template)
-    bands = {band: pipeline.set_interferometer(template, named, band) for band in template.bands}
-    first = next(iter(bands.values()))
-    shared: Values = {name: value for name, value in first.items() if name not in pipeline.PER_BAND}
-    return {"": shared, **{band: {name: values[name] for name in pipeline.PER_BAND} for band, values in bands.items()}}
+    out: dict[str, Values] = {"": {}}
+    for channel, bands in template.channels.items():
+        named = pipeline.optimise(template, channel)
+        own = per_band(RECIPES[channel])
+        for band in bands:
+            values = pipeline.set_interferometer(template, named, band)
+            out[""] |= {name: value for name, value in values.items() if name not in own}
+            out[band] = {name: values[name] for name in own}
+    return out
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -50,7 +55,9 @@ def main(arguments: list[str] | None = None) -> int:
         designed = design(stored)
         if options.check:
             return compare(stored, designed)
-        text = edit(options.instrument.read_text(encoding="utf-8"), designed)
+        # Masks move with the mirror that they surround; apertures are cut when the rays are known.
+        moved = pipeline.aperture_values(pipeline.sizes_of(stored), designed[""])
+        text = edit(options.instrument.read_text(encoding="utf-8"), designed | {"": {**designed[""], **moved}})
         options.instrument.write_text(text, encoding="utf-8")
         stored = load_instrument(options.instrument)
         sizes = pipeline.cut_apertures([stored.band(band) for band in stored.bands])

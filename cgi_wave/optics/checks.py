@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cgi_wave.errors import InputError
-from cgi_wave.optics.schema import DetectorSpec, FileSpec, InstrumentSpec, InterferometerSpec, SurfaceSpec
+from cgi_wave.optics.schema import (
+    DetectorSpec,
+    FileSpec,
+    InstrumentSpec,
+    InterferometerSpec,
+    OutOfBandSpec,
+    SurfaceSpec,
+)
 
 if TYPE_CHECKING:
     from cgi_wave.optics.system import Surface
@@ -130,14 +137,28 @@ def _check_channels(document: FileSpec, seen: set[str], refuse) -> None:  # type
         if interferometer is not None:
             splitters.add(interferometer.splitter)
             _check_interferometer(interferometer, f"{where}interferometer", seen, refuse)
+    for name, channel in document.channel.items():
+        if channel.out_of_band is not None:
+            _check_out_of_band(channel.out_of_band, f"channel.{name}.out_of_band", seen, refuse)
     for spec in (spec for frame in document.frame for spec in frame.surface):
         if spec.nominal == "both" and spec.name not in splitters:
-            where = next(iter(parts))
-            if len(parts) == 1 and parts[where][1] is None:
-                refuse(f"{where}interferometer", None, "is missing although a surface splits",
+            lacking = [where for where, (_, inter) in parts.items() if inter is None]
+            if lacking:
+                refuse(f"{lacking[0]}interferometer", None, "is missing although a surface splits",
                        "declare splitter, arm1 and arm2")  # fmt: skip
             refuse(f"{spec.name}.nominal", spec.nominal, "splits, but is the splitter of no interferometer",
                    "name it as a splitter, or let it transmit or reflect")  # fmt: skip
+
+
+def _check_out_of_band(spec: OutOfBandSpec, where: str, seen: set[str], refuse) -> None:  # type: ignore[no-untyped-def]
+    if spec.filter not in seen:
+        refuse(f"{where}.filter", spec.filter, "is no surface", "name the surface with the bandpass")
+    for field in ("filter_transmittance", "detector_response"):
+        value = getattr(spec, field)
+        if not 0 <= value <= 1:
+            refuse(f"{where}.{field}", value, "is not between 0 and 1", "give a share")
+    if not 0 < spec.range_nm[0] < spec.range_nm[1]:
+        refuse(f"{where}.range_nm", spec.range_nm, "is no range", "give two wavelengths, the shorter one first")
 
 
 def _check_interferometer(inter: InterferometerSpec, where: str, seen: set[str], refuse) -> None:  # type: ignore[no-untyped-def]

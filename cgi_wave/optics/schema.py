@@ -158,9 +158,9 @@ class FilterSpec(_Strict):
 
 
 class SpectrumSpec(_Strict):
-    """Scene radiance: ``o2a`` (line by line) or ``solar`` (continuum), or a user's ``file``."""
+    """Scene radiance: ``solar`` (continuum), a gas before it (line by line), or a user's ``file``."""
 
-    kind: Literal["o2a", "solar", "file"]
+    kind: Literal["solar", "o2a", "co2", "ch4", "file"]
     albedo: float = 0.3
     air_mass: float = 2.0
     file: str | None = None
@@ -180,11 +180,25 @@ class BandSpec(_Strict):
     set: dict[str, Setting] = {}
 
 
+class OutOfBandSpec(_Strict):
+    """What a channel lets through of light that is none of its own; declared, not computed.
+
+    ``filter_transmittance`` takes the place of that of the surface ``filter`` (a bandpass) over ``range_nm``;
+    ``detector_response`` is per watt, relative to the response in the band.
+    """
+
+    filter: str
+    filter_transmittance: float
+    detector_response: float
+    range_nm: tuple[float, float]
+
+
 class ChannelSpec(_Strict):
     """One of several channels: its detector and interferometer, and the values set for every one of its bands."""
 
     detector: DetectorSpec | None = None
     interferometer: InterferometerSpec | None = None
+    out_of_band: OutOfBandSpec | None = None
     set: dict[str, Setting] = {}
 
 

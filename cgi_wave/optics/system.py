@@ -187,13 +187,40 @@ class Instrument:
         """Resolve one band. Raises InputError for an unknown band or values that make no instrument."""
         if name not in self.document.band:
             raise InputError(self.file, "band", name, "is not in the file", f"choose from {', '.join(self.bands)}")
+        return self._resolve(name, self._values(name))
+
+    def other_light(self, name: str, source: str) -> OpticalSystem:
+        """Band ``name``'s optics and detector in the light of band ``source`` of another channel.
+
+        Wavelengths and filter are those of ``source``, and so are the coatings that its channel sets: what a dichroic
+        is to that light. Raises InputError as ``band`` does.
+        """
+        self.band(source)
+        own, other = self.document.band[name], self.document.band[source]
         raw = copy.deepcopy(self.raw)
+        raw["band"][name] |= {key: raw["band"][source][key] for key in ("filter", "wavelengths_nm")}
+        instrument = Instrument(self.file, convert(raw, self.file), raw)
+        coatings: list[tuple[str, dict[str, Setting]]] = []
+        if other.channel is not None and other.channel != own.channel:
+            values = self.document.channel[other.channel].set
+            coatings = [(f"channel.{other.channel}.set", {k: v for k, v in values.items() if k.endswith(".coating")})]
+        return instrument._resolve(name, self._values(name) + coatings)
+
+    def _values(self, name: str) -> list[tuple[str, dict[str, Setting]]]:
+        """What a band sets, and where: its channel's values first."""
         spec = self.document.band[name]
-        if spec.channel is not None:
-            channel = raw["channel"][spec.channel]
-            raw |= {part: channel[part] for part in ("detector", "interferometer") if part in channel}
-            _apply(raw, self.document.channel[spec.channel].set, self.file, f"channel.{spec.channel}.set")
-        _apply(raw, spec.set, self.file, f"band.{name}.set")
+        shared = (
+            [] if spec.channel is None else [(f"channel.{spec.channel}.set", self.document.channel[spec.channel].set)]
+        )
+        return [*shared, (f"band.{name}.set", spec.set)]
+
+    def _resolve(self, name: str, values: list[tuple[str, dict[str, Setting]]]) -> OpticalSystem:
+        raw = copy.deepcopy(self.raw)
+        channel = self.document.band[name].channel
+        if channel is not None:
+            raw |= {part: v for part, v in raw["channel"][channel].items() if part in ("detector", "interferometer")}
+        for where, settings in values:
+            _apply(raw, settings, self.file, where)
         document = convert_resolved(raw, self.file)
         check_frames(document, self.file)  # again: ``set`` may have written anything into them
         names = list(document.space)

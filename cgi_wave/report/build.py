@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 DPI = 130
 PROCESSES = 2
+#: Families of paths of other channels' light that are shown.
+OTHER_LIGHT_ROWS = 8
 TABLE_SUFFIXES = (".csv", ".nc", ".mat")
 
 
@@ -62,6 +64,7 @@ def write(
                     "costs": band.costs,
                     "pictures": drawn[name].result(),
                     "plan": str(band.plan),
+                    "other_light": other_light_text(band.other_light),
                 }
             )
     document = {
@@ -153,9 +156,29 @@ def run_text(analysis: Analysis, folder: Path) -> str:
     return "\n".join([table, *lines, f"{counts}; {analysis.seconds:.1f} s", str(folder / "index.html")])
 
 
+def other_light_text(found: Mapping[str, Any] | None) -> str:
+    """Light of other channels, the strongest families of paths and the sum, for reading; "" if there is nothing."""
+    if found is None:
+        return ""
+    assumed, lines = found["assumptions"], []
+    low, high = (1e9 * value for value in assumed["range_m"])
+    filter_passes, response = assumed["filter_transmittance"], assumed["detector_response"]
+    lines.append(f"assumed from {low:.0f} to {high:.0f} nm: filter passes {filter_passes:g}, detector responds "
+                 f"{response:g} of what it does in its band; no gas in the way")  # fmt: skip
+    lines.append("power relative to the nominal beams; its error is that of tracing, not of what is assumed")
+    for row in sorted(found["rows"], key=lambda row: -row["power"])[:OTHER_LIGHT_ROWS]:
+        low, high = (1e9 * value for value in row["range_m"])
+        lines.append(f"{row['power']:9.2e} ± {row['error']:.0e}  {low:.0f} to {high:.0f} nm ({row['source']})  "
+                     f"{row['reflections']}, {row['paths']} paths")  # fmt: skip
+    lines.append(f"{found['power']:9.2e} ± {found['error']:.0e}  all {len(found['rows'])} families; "
+                 f"{found['unrejected']:.2g} if filter and detector took it like their own")  # fmt: skip
+    return "\n".join(lines)
+
+
 def _summary(band: BandResult) -> dict[str, Any]:
     figures = {name: band.table1[name] for name in ROWS}
-    return {**figures, "ghost_count": band.ghost_count, **{k: v for k, v in band.table1.items() if k not in figures}}
+    rest = {k: v for k, v in band.table1.items() if k not in figures}
+    return {**figures, "ghost_count": band.ghost_count, **rest, "other_light": band.other_light}
 
 
 def _parasitic(part: Parasitic) -> dict[str, Any]:

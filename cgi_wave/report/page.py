@@ -105,7 +105,7 @@ def render(document: Mapping[str, Any]) -> str:
         * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``, and ``path``, which unfolds under the label
         * ``costs``: of ``budget.cost_table.cost_table``
         * ``pictures``: list of {``file``, ``caption``}
-        * ``plan``: text shown as it stands, or ""
+        * ``plan``, ``other_light``: text shown as it stands, or ""
     """
     import jinja2
 

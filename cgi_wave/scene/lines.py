@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,13 @@ class LineList:
     mole_fraction: float
     partition: Callable[[float], float]
     source: str
+
+    def near(self, low: float, high: float) -> LineList:
+        """The lines whose positions lie between two wavenumbers, 1/m."""
+        kept = (self.sigma >= low) & (self.sigma <= high)
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        values |= {name: value[kept] for name, value in values.items() if isinstance(value, np.ndarray)}
+        return LineList(**values)
 
     def strength_at(self, temperature_k: float) -> NDArray[np.float64]:
         """(L,) intensity in m per molecule at T: Boltzmann factor, partition function, stimulated emission."""

@@ -1,8 +1,8 @@
-"""Radiance at the top of the atmosphere: a smooth solar continuum, reflected, with or without the O2 A band."""
+"""Radiance at the top of the atmosphere: a smooth solar continuum, reflected, with or without a gas in its way."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,18 @@ from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.scene.filters import Filter
 from cgi_wave.scene.spectrum import Spectrum
 
+if TYPE_CHECKING:
+    from cgi_wave.scene.lines import LineList
+
+Kind = Literal["solar", "o2a", "co2", "ch4"]
 PLANCK, LIGHT_SPEED, BOLTZMANN = 6.62607015e-34, 299_792_458.0, 1.380649e-23
 # IAU 2015 Resolution B3 nominal values: effective temperature and radius of the Sun; the astronomical unit.
 SUN_TEMPERATURE_K, SUN_RADIUS_M, ASTRONOMICAL_UNIT_M = 5772.0, 6.957e8, 1.495978707e11
 MAX_SAMPLES = 4_000_000
 _SAMPLES_PER_FWHM = 64
+#: Lines farther than this from the filter's support (1/m) are left out. Their Lorentz wings would be too strong there
+#: anyway: collisions last long enough to cut them off within a few cm⁻¹.
+_WING = 2000.0
 
 
 def solar_irradiance(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -31,28 +38,29 @@ def solar_irradiance(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def toa_radiance(
-    kind: Literal["o2a", "solar"],
+    kind: Kind,
     band_filter: Filter,
     max_opd_m: float,
     albedo: float = 0.3,
     air_mass: float = 2.0,
     layers: int = 8,
 ) -> Spectrum:
-    """Nadir radiance over the filter's support: albedo/π · μ0 · solar irradiance [· transmission for ``"o2a"``].
+    """Nadir radiance over the filter's support: albedo/π · μ0 · solar irradiance [· transmission of a gas].
 
+    kind: ``"solar"`` for the continuum alone, ``"o2a"``, ``"co2"`` or ``"ch4"`` with the lines of that gas in its way.
     Lambertian ground, no scattering. ``air_mass`` is that of the whole path, 1 (up, nadir) + 1/μ0 (down), hence
     μ0 = 1/(air_mass − 1); at least 2. ``layers`` of the US Standard Atmosphere 1976 for the absorption.
-    The step is at most 1/(4·max_opd_m), FWHM/64 of the filter, and for ``"o2a"`` half the smallest Doppler deviation.
+    The step is at most 1/(4·max_opd_m), FWHM/64 of the filter, and with a gas half the smallest Doppler deviation.
 
-    Raises InputError for an unknown kind, albedo outside (0, 1], air mass below 2 or an OPD that is not positive, and
-    MethodLimitError where the OPD would need more than 4 million samples.
+    Raises InputError for an unknown kind, a gas without a line near the filter, albedo outside (0, 1], air mass below 2
+    or an OPD that is not positive, and MethodLimitError where the OPD would need more than 4 million samples.
     """
 
     def refuse(field: str, value: object, problem: str, remedy: str) -> InputError:
         return InputError("spectrum", field, value, problem, remedy)
 
-    if kind not in ("o2a", "solar"):
-        raise refuse("kind", kind, "unknown", "use 'o2a' or 'solar', or load a file")
+    if kind not in get_args(Kind):
+        raise refuse("kind", kind, "unknown", f"use one of {', '.join(get_args(Kind))}, or load a file")
     if not 0 < albedo <= 1:
         raise refuse("albedo", albedo, "outside (0, 1]", "give the ground's reflectance")
     if not (np.isfinite(air_mass) and air_mass >= 2):
@@ -62,8 +70,12 @@ def toa_radiance(
 
     low, high = band_filter.support()
     step = min(1 / (4 * max_opd_m), band_filter.fwhm_m / band_filter.centre_m**2 / _SAMPLES_PER_FWHM)
-    if kind == "o2a":
-        step = min(step, _line_step(layers))
+    lines = None if kind == "solar" else _lines(kind).near(low - _WING, high + _WING)
+    if lines is not None:
+        if lines.sigma.size == 0:
+            raise refuse("kind", kind, f"has no line near {band_filter.centre_m * 1e9:g} nm",
+                         "use another gas or 'solar', or move the filter")  # fmt: skip
+        step = min(step, _line_step(lines, layers))
     samples = int(np.ceil((high - low) / step)) + 1
     if samples > MAX_SAMPLES:
         raise MethodLimitError(
@@ -75,20 +87,32 @@ def toa_radiance(
     sigma = np.linspace(low, high, samples)
     radiance = albedo / np.pi / (air_mass - 1) * solar_irradiance(sigma)
     source = f"5772 K solar continuum, albedo {albedo:g}, sun at cos(zenith) {1 / (air_mass - 1):.3g}"
-    if kind == "o2a":
+    if lines is not None:
         from cgi_wave.scene.atmosphere import standard_atmosphere, transmission
-        from cgi_wave.scene.oxygen import oxygen_a_band
 
-        lines = oxygen_a_band()
         radiance = radiance * transmission(lines, sigma, air_mass, standard_atmosphere(layers))
         source += f"; {lines.source}; US Standard Atmosphere 1976 in {layers} layers, air mass {air_mass:g}"
     return Spectrum(sigma=sigma, radiance=radiance, source=source)
 
 
-def _line_step(layers: int) -> float:
-    """Step in 1/m that resolves the narrowest line of the A band (a Gaussian's trapezoid sum has converged there)."""
+def _lines(kind: str) -> LineList:
+    """All lines that are known of a gas."""
+    if kind == "o2a":
+        from cgi_wave.scene.oxygen import oxygen_a_band
+
+        return oxygen_a_band()
+    if kind == "co2":
+        from cgi_wave.scene.carbon_dioxide import carbon_dioxide
+
+        return carbon_dioxide()
+    from cgi_wave.scene.methane import methane
+
+    return methane()
+
+
+def _line_step(lines: LineList, layers: int) -> float:
+    """Step in 1/m that resolves the narrowest line (a Gaussian's trapezoid sum has converged there)."""
     from cgi_wave.scene.atmosphere import doppler_sigma, standard_atmosphere
-    from cgi_wave.scene.oxygen import oxygen_a_band
 
     coldest = min(layer.temperature_k for layer in standard_atmosphere(layers))
-    return float(doppler_sigma(oxygen_a_band(), coldest).min()) / 2
+    return float(doppler_sigma(lines, coldest).min()) / 2

@@ -18,6 +18,8 @@ from cgi_wave.rays.trace import Sequence, aim, compile_sequence, history, trace
 Array = NDArray[np.float64]
 #: Cone of the relay on its own: F/4, telecentric.
 RELAY_SINE = 0.125
+#: Names, behind a channel's prefix, of the mirrors on which the intermediate image lies.
+ARM_MIRRORS = ("mirror1", "mirror2")
 
 
 def disc(rings: int = 4, spokes: int = 8) -> tuple[Array, Array]:
@@ -38,7 +40,7 @@ def spot(x: Array, weight: Array) -> tuple[Array, float]:
 
 def mirror_step(sequence: Sequence) -> int:
     """Number of the step at which a nominal path meets its arm mirror."""
-    return next(k for k, name in enumerate(sequence.names) if name in ("mirror1", "mirror2"))
+    return next(k for k, name in enumerate(sequence.names) if name.endswith(ARM_MIRRORS))
 
 
 def relay_trace(sequence: Sequence, at: Array, sines: Array) -> Array:

@@ -10,7 +10,7 @@ from cgi_wave.optics.system import Instrument, OpticalSystem
 from cgi_wave.rays.trace import compile_sequence
 from design.measure import RELAY_SINE, field_angles, measure_spots, nominal_paths, obstruction_margins
 from design.model import Values
-from design.pipeline import LENS_NAMES, full_field, margins, opd_and_fringes, rim_rays
+from design.pipeline import LENS_NAMES, full_field, margins, opd_and_fringes, prefixed, rim_rays
 
 Array = NDArray[np.float64]
 #: A rerun must give the stored values to this, mm or degrees. (Starts moved by 2e-4 of themselves end within 1e-4.)
@@ -48,15 +48,16 @@ def grid(count: int = 41) -> Array:
 def print_report(instrument: Instrument) -> None:
     """Spots, telecentricity, margins, foci, OPD and fringes of every band."""
     print("radial RMS spot / um about the centroid; chief ray at the arm mirror / deg; share of rays that pass")
-    print("band     x/mm    y/mm     nm arm objective  relay  chain   chief  passing")
-    worst = np.zeros(4)
+    print("band         x/mm    y/mm     nm arm objective  relay  chain   chief  passing")
     for band in instrument.bands:
-        worst = np.maximum(worst, _print_spots(instrument.band(band)))
-    print("worst: objective {:.2f} um, relay {:.2f} um, chain {:.2f} um, chief ray {:.3f} deg".format(*worst))
+        worst = _print_spots(instrument.band(band))
+        print(f"{band} worst: " + "objective {:.2f} um, relay {:.2f} um, chain {:.2f} um, chief ray {:.3f} deg"
+              .format(*worst))  # fmt: skip
     for band in instrument.bands:
         system = instrument.band(band)
         opd, fringes = opd_and_fringes(system)
-        gap = next(s.thickness_mm for f in system.document.frame for s in f.surface if s.name == "plate2_back")
+        mirror = prefixed(system, "plate2_back")
+        gap = next(s.thickness_mm for f in system.document.frame for s in f.surface if s.name == mirror)
         rows = system.spec.zone_rows[1] - system.spec.zone_rows[0]
         print(
             f"{band}: mirror {gap:.4f} mm behind plate 2; group OPD {opd * 1e3:.6f} mm "
@@ -64,9 +65,11 @@ def print_report(instrument: Instrument) -> None:
         )
         print(f"{band}: clear beyond the full field's rays / mm: {_listed(margins(system), 3.0)}")
         print(f"{band}: passed by / mm: {_listed(obstructions(system), 10.0)}")
-    system = instrument.band(instrument.bands[0])
-    print("apart / mm: " + ", ".join(f"{a} {b} {apart(system, a, b):.1f}" for a, b in NEIGHBOURS))
-    print("edges / mm: " + ", ".join(f"{k} {v:.2f}" for k, v in edges(system).items()))
+    for bands in instrument.channels.values():
+        system = instrument.band(bands[0])
+        pairs = [tuple(prefixed(system, name) for name in pair) for pair in NEIGHBOURS]
+        print("apart / mm: " + ", ".join(f"{a} {b} {apart(system, a, b):.1f}" for a, b in pairs))
+        print("edges / mm: " + ", ".join(f"{k} {v:.2f}" for k, v in edges(system).items()))
 
 
 def _listed(values: dict[str, float], below: float) -> str:
@@ -84,7 +87,7 @@ def _print_spots(system: OpticalSystem) -> Array:
                 s = measure_spots(compile_sequence(system, path, 1e9 / nm), pupil, weight, sines, angles)
                 row = np.array([s.objective * 1e6, s.relay * 1e6, s.chain * 1e6, np.degrees(s.telecentric)])
                 worst = np.maximum(worst, row)
-                where = f"{system.band:5}{at[0]:8.3f}{at[1]:8.3f}{nm:7.1f} {arm:3}"
+                where = f"{system.band:9}{at[0]:8.3f}{at[1]:8.3f}{nm:7.1f} {arm:3}"
                 print(where + "{:10.2f}{:7.2f}{:7.2f}{:8.3f}".format(*row) + f"{s.passing:9.4f}")
     return worst
 
@@ -103,7 +106,7 @@ def obstructions(system: OpticalSystem) -> dict[str, float]:
 def edges(system: OpticalSystem) -> dict[str, float]:
     """Edge thickness (mm) of each lens at the larger aperture of its two faces."""
     found = {}
-    for lens in LENS_NAMES:
+    for lens in (prefixed(system, name) for name in LENS_NAMES):
         front, back = (system.surfaces[system.number[f"{lens}_{face}"]] for face in ("front", "back"))
         radius = np.array(max(front.aperture[1], back.aperture[1]))
         apart = np.linalg.norm(back.origin - front.origin)

@@ -32,7 +32,7 @@ def edit(text: str, values: Mapping[str, Mapping[str, object]]) -> str:
     name, band = "", ""
     for line in text.splitlines():
         if line.startswith("["):
-            found = re.fullmatch(r"\[band\.(\w+)\.set\]", line.strip())
+            found = re.fullmatch(r"\[band\.([\w-]+)\.set\]", line.strip())
             name, band = "", found[1] if found else ""
             out.append(line)
             if band:

@@ -12,7 +12,7 @@ from cgi_wave.fringes.nma import Estimate, nma_error_exact, nma_error_linear
 
 
 @pytest.mark.parametrize(
-    ("band", "exact"), [("VIS", 0.0354), ("NIR", 0.0327), ("SWIR1_CO2", 0.0281), ("SWIR2", 0.0328)]
+    ("band", "exact"), [("VIS", 0.0354), ("NIR", 0.0327), ("SWIR1-CO2", 0.0281), ("SWIR2", 0.0328)]
 )
 def test_printed_columns_follow_the_exact_ratio_and_not_the_linear_form(band, exact):
     column = PRINTED[band]
@@ -23,7 +23,7 @@ def test_printed_columns_follow_the_exact_ratio_and_not_the_linear_form(band, ex
 
 
 def test_printed_ch4_column_does_not_fit_unless_a_sign_was_lost():
-    column = PRINTED["SWIR1_CH4"]
+    column = PRINTED["SWIR1-CH4"]
     o, m = column.offset_over_baseline[0], column.parasitic_over_modulation[0]
     assert nma_error_exact(m, o) == pytest.approx(0.0251, abs=6e-5)
     assert abs(nma_error_exact(m, o) - column.nma_error) > 0.014
@@ -77,7 +77,7 @@ def test_every_printed_number_has_a_sentence_with_the_results_own_figures():
 
 
 def test_a_printed_number_that_does_not_follow_is_named():
-    assert "gives 0.0251 for the printed ones" in table1("SWIR1_CH4", results())["why_rows"]["nma_error"]
+    assert "gives 0.0251 for the printed ones" in table1("SWIR1-CH4", results())["why_rows"]["nma_error"]
 
 
 def test_why_belongs_to_printed_figures_and_can_be_given():

@@ -79,6 +79,14 @@ def made_up_field(index):
     )
 
 
+OTHER_LIGHT = {
+    "assumptions": {"filter_transmittance": 1e-4, "detector_response": 0.01, "range_m": [1.1e-6, 2.5e-6]},
+    "rows": [{"source": "LONG", "range_m": [1.1e-6, 2.5e-6], "reflections": "plate:r", "order": 1, "paths": 2,
+              "unrejected": 2.0, "power": 2e-6, "error": 3e-8}],
+    "unrejected": 2.0, "power": 2e-6, "error": 3e-8,
+}  # fmt: skip
+
+
 def made_up_analysis(names, instrument, fields):
     bands = {
         name: SimpleNamespace(
@@ -89,6 +97,7 @@ def made_up_analysis(names, instrument, fields):
             ghost_count=1,
             plan="kept 3, left out 0",
             costs=COSTS,
+            other_light=OTHER_LIGHT,
         )
         for name in names
     }

@@ -84,6 +84,7 @@ def test_run_writes_the_folder_that_it_promises(call, tmp_path):
         assert band["offset_over_baseline"]["mean"] == pytest.approx(0.02, abs=1e-4)
         assert band["nma_error"]["mean"] == pytest.approx(1 - 1 / 1.02, abs=1e-4)
         assert (band["ghost_count"], band["fields"]) == (1, 2)
+        assert band["other_light"]["power"] == 2e-6
     assert summary["provenance"]["options"] == {
         "bands": ["VIS", "NIR"],
         "instrument": None,
@@ -93,6 +94,7 @@ def test_run_writes_the_folder_that_it_promises(call, tmp_path):
     names = {path.name for path in folder.iterdir()}
     assert {"index.html", "layout.png", "NIR-ghosts.csv", "NIR-ghosts.nc", "NIR-ghosts.mat", "NIR-psi.png"} <= names
     page = (folder / "index.html").read_text()
+    assert "2.00e-06 ± 3e-08  1100 to 2500 nm (LONG)  plate:r, 2 paths" in page
     assert all(name in page for name in names - {"index.html"})
 
 

@@ -113,9 +113,9 @@ def _renamed(raw):
 
 
 def _splits(raw):
-    raw["channel"]["SIDE"]["interferometer"] = {
-        "splitter": "front", "arm1": {"surfaces": ["front"]}, "arm2": {"surfaces": ["back"]},
-    }  # fmt: skip
+    for channel in raw["channel"].values():
+        arms = {"arm1": {"surfaces": ["front"]}, "arm2": {"surfaces": ["back"]}}
+        channel["interferometer"] = {"splitter": "front", **arms}
     raw["frame"][0]["surface"][1]["nominal"] = "both"
 
 

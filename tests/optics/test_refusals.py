@@ -31,19 +31,19 @@ def _unknown_page(raw):
 
 
 def _missing_arm(raw):
-    del raw["interferometer"]["arm2"]
+    del raw["channel"]["VISNIR"]["interferometer"]["arm2"]
 
 
 def _empty_arm(raw):
-    raw["interferometer"]["arm2"]["surfaces"] = []
+    raw["channel"]["VISNIR"]["interferometer"]["arm2"]["surfaces"] = []
 
 
 def _arm_of_nothing(raw):
-    raw["interferometer"]["arm1"]["surfaces"] = ["cube_arm1", "mirror9"]
+    raw["channel"]["VISNIR"]["interferometer"]["arm1"]["surfaces"] = ["cube_arm1", "mirror9"]
 
 
 def _no_interferometer(raw):
-    del raw["interferometer"]
+    del raw["channel"]["VISNIR"]["interferometer"]
 
 
 def _crossing(raw):
@@ -206,4 +206,4 @@ def test_an_unknown_band_is_refused_with_those_that_there_are():
 
 
 def test_the_file_as_it_is_passes():
-    assert from_document(copy.deepcopy(RAW), FILE).bands == ("NIR", "VIS")
+    assert from_document(copy.deepcopy(RAW), FILE).bands == ("NIR", "VIS", "SWIR1-CH4", "SWIR1-CO2", "SWIR2")

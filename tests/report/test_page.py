@@ -64,6 +64,7 @@ DOCUMENT = {
             "costs": {"surfaces": [COST], "families": [], "total": TOTAL},
             "pictures": [{"file": "NIR-psi.png", "caption": "PSI", "wide": False}],
             "plan": "kept 1 < 2",
+            "other_light": "1e-6 of it",
         }
     ],
 }
