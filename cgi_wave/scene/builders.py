@@ -141,7 +141,9 @@ def _size(rows: int, columns: int) -> tuple[int, int]:
 def _centred(rows: int, columns: int) -> tuple[Array, Array]:
     """Pixel centres measured from the middle of the scene, in pixels: (H, 1) and (1, W)."""
     _size(rows, columns)
-    return (np.arange(rows) - 0.5 * (rows - 1))[:, None], (np.arange(columns) - 0.5 * (columns - 1))[None, :]
+    return (np.arange(rows, dtype=np.float64) - 0.5 * (rows - 1))[:, None], (
+        np.arange(columns, dtype=np.float64) - 0.5 * (columns - 1)
+    )[None, :]
 
 
 def _covered(distance: Array, a: float, b: float) -> Array:

@@ -77,7 +77,9 @@ class Scene:
         where = self.source
         if self.maps.ndim != 3 or self.maps.dtype != np.float32 or 0 in self.maps.shape:
             what = f"{self.maps.dtype} {self.maps.shape}"
-            raise InputError(where, "maps", what, "not float32 (modes, rows, columns)", "give one map per spectral shape")
+            raise InputError(
+                where, "maps", what, "not float32 (modes, rows, columns)", "give one map per spectral shape"
+            )
         if self.sigma.ndim != 1 or self.shapes.shape != (len(self.maps), self.sigma.size):
             raise InputError(
                 where,
@@ -111,12 +113,12 @@ class Scene:
     @property
     def x_m(self) -> Array:
         """(W,) scene coordinate X of the columns' centres, m."""
-        return self.origin_m[0] + self.pixel_m * np.arange(self.columns)
+        return self.origin_m[0] + self.pixel_m * np.arange(self.columns, dtype=np.float64)
 
     @property
     def y_m(self) -> Array:
         """(H,) scene coordinate Y of the rows' centres, m."""
-        return self.origin_m[1] + self.pixel_m * np.arange(self.rows)
+        return self.origin_m[1] + self.pixel_m * np.arange(self.rows, dtype=np.float64)
 
     def spectrum(self, row: int, column: int) -> Spectrum:
         """Radiance of one pixel."""
@@ -131,7 +133,9 @@ def ground_sample(pixel_m: float, altitude_m: float, focal_m: float) -> float:
     return pixel_m * altitude_m / focal_m
 
 
-def tiled(scene: Scene, rows: int, columns: int, tile: Tile | None = "mirror", start: tuple[int, int] = (0, 0)) -> Scene:
+def tiled(
+    scene: Scene, rows: int, columns: int, tile: Tile | None = "mirror", start: tuple[int, int] = (0, 0)
+) -> Scene:
     """The scene cut, or continued, to ``rows`` × ``columns``, from element ``start`` on.
 
     ``"mirror"`` reflects it at its edges, so that no step arises there; ``"repeat"`` starts again. None only cuts.
@@ -142,7 +146,9 @@ def tiled(scene: Scene, rows: int, columns: int, tile: Tile | None = "mirror", s
     elif tile not in ("mirror", "repeat"):
         raise InputError(scene.source, "tile", tile, "unknown", "use 'mirror' or 'repeat', or None to cut only")
     if rows < 1 or columns < 1 or min(start) < 0:
-        raise InputError(scene.source, "rows, columns, start", (rows, columns, start), "no size", "give 1 or more, from 0")
+        raise InputError(
+            scene.source, "rows, columns, start", (rows, columns, start), "no size", "give 1 or more, from 0"
+        )
     pick = []
     for first, count, have in ((start[0], rows, scene.rows), (start[1], columns, scene.columns)):
         index = np.arange(first, first + count)
@@ -170,11 +176,14 @@ def require_size(scene: Scene, rows: int, columns: int) -> None:
             )
 
 
-def on_zone(scene: Scene, zone: tuple[float, float, float, float], frames: int = 1, step: float = 1.0) -> Scene:
-    """The scene placed on a detector zone: its first row on the zone's first, its columns centred on the zone's.
+def on_zone(
+    scene: Scene, zone: tuple[float, float, float, float], frames: int = 1, step: float = 1.0, margin: int = 0
+) -> Scene:
+    """The scene placed on a detector zone: row ``margin`` on the zone's first, its columns centred on the zone's.
 
     zone : x_min, x_max, y_min, y_max of the pixels' outer edges, m; frames : number of frames, each ``step`` rows (≥ 0)
-    after the one before. Columns beyond the zone stay: ghosts may bring them in.
+    after the one before; margin : rows wanted before and after, columns to either side. Rows and columns beyond stay:
+    ghosts may bring them in.
 
     Raises InputError unless the grid has the zone's pitch (1e-6), and covers its columns and, with the scroll, rows.
     """
@@ -183,12 +192,17 @@ def on_zone(scene: Scene, zone: tuple[float, float, float, float], frames: int =
     for field, count in (("columns", columns), ("rows", rows)):
         if abs(count - round(count)) > 1e-6 * count:
             raise InputError(
-                scene.source, "pixel_m", scene.pixel_m, f"the zone has {count:g} {field}, no whole number", "resample it"
+                scene.source,
+                "pixel_m",
+                scene.pixel_m,
+                f"the zone has {count:g} {field}, no whole number",
+                "resample it",
             )
     # A row more where the last frame stops between two.
-    require_size(scene, round(rows) + int(np.ceil((frames - 1) * step - 1e-9)), round(columns))
+    scrolled = int(np.ceil((frames - 1) * step - 1e-9))
+    require_size(scene, round(rows) + scrolled + 2 * margin, round(columns) + 2 * margin)
     left = (scene.columns - round(columns)) // 2
-    return replace(scene, origin_m=(x0 + (0.5 - left) * scene.pixel_m, y0 + 0.5 * scene.pixel_m))
+    return replace(scene, origin_m=(x0 + (0.5 - left) * scene.pixel_m, y0 + (0.5 - margin) * scene.pixel_m))
 
 
 def require_filter(scene: Scene, band_filter: Filter) -> None:

@@ -18,9 +18,7 @@ BANDS = {"B2": 482e-9, "B3": 561e-9, "B4": 655e-9}
 SUN_ELEVATION_DEG = 38.0
 
 
-def landsat_reflectance(
-    band: str, sun_elevation_deg: float = SUN_ELEVATION_DEG
-) -> tuple[NDArray[np.float64], float]:
+def landsat_reflectance(band: str, sun_elevation_deg: float = SUN_ELEVATION_DEG) -> tuple[NDArray[np.float64], float]:
     """Reflectance at the top of the atmosphere, (256, 272), north up, and its pixel in m.
 
     (2·10⁻⁵ DN − 0.1)/sin(sun elevation), the rescaling of Landsat 8's level-1 products. Raises InputError for an

@@ -97,9 +97,7 @@ class Plume:
         crosswind: Array = np.exp(-0.5 * (across / width) ** 2) / (np.sqrt(2 * np.pi) * width)
         return started * crosswind
 
-    def column(
-        self, rows: int, columns: int, ground_pixel_m: float, background_kg_m2: float | None = None
-    ) -> Array:
+    def column(self, rows: int, columns: int, ground_pixel_m: float, background_kg_m2: float | None = None) -> Array:
         """(rows, columns) excess column in kg/m², the mean over each pixel (Gauss–Legendre points in it)."""
         y = (np.arange(rows) - 0.5 * (rows - 1))[:, None] * ground_pixel_m - self.at_m[1]
         x = (np.arange(columns) - 0.5 * (columns - 1))[None, :] * ground_pixel_m - self.at_m[0]
