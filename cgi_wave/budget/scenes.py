@@ -71,9 +71,13 @@ def band_scene(
     if scene == "landsat":
         made = landsat_crop(here, rows, columns)
     elif scene in NAMES:
-        made = {"uniform": uniform, "edge": edge, "quadrants": quadrants, "point": point}[str(scene)](
-            here, rows, columns
-        )
+        builders: dict[str, Callable[..., Scene]] = {
+            "uniform": uniform,
+            "edge": edge,
+            "quadrants": quadrants,
+            "point": point,
+        }
+        made = builders[str(scene)](here, rows, columns)
     elif Path(scene).suffix:
         _, band_filter = band_spectrum(system)
         opd = FILE_OPD * system.spec.target_opd_mm * 1e-3
