@@ -116,30 +116,52 @@ def column_modes(
         # Both ends, and three columns or so between two nodes, none of them a node.
         held_out = -np.cos(np.pi * np.arange(3 * count + 1) / (3 * count))
         sampled, truth = change(middle + half * nodes), change(middle + half * held_out)
-        # By Cauchy and Schwarz ∫F|Δ| ≤ √∫(FΔ)²/q for any density q: one that follows the mean light of all columns.
-        density = passed * (radiance + np.maximum(sampled.mean(axis=1), -radiance))
+        # By Cauchy and Schwarz ∫F|Δ| ≤ √∫(FΔ)²/q for any density q: one that follows the mean light of these columns
+        # and the background.
+        density = passed * (2 * radiance + np.maximum(sampled.mean(axis=1), -radiance))
         root = np.sqrt(density / density.sum())
         weighed = np.divide(
             passed[:, None] * sampled, root[:, None], out=np.zeros_like(sampled), where=root[:, None] > 0
         )
         *_, right = np.linalg.svd(np.linalg.qr(weighed, mode="r"))
-        basis = chebyshev.chebvander(nodes, count - 1)
-        for rank in range(1, count + 1):
-            vectors = right[:rank]
-            series = np.linalg.solve(basis, vectors.T)
-            scale = np.abs(vectors).max(axis=1)
-            shapes = scale[:, None] * (vectors @ sampled.T)
-            modes = ColumnModes(shapes, series / scale, low, high, 0.0, held_out.size)
-            left = truth - (modes.weights(middle + half * held_out).astype(np.float64).T @ shapes).T
-            residual = _MARGIN * float((passed @ np.abs(left)).max())
-            if residual <= tolerance:
-                return replace(modes, residual=residual)
+        series = np.linalg.solve(chebyshev.chebvander(nodes, count - 1), right.T)
+        scale = np.abs(right).max(axis=1)
+        shapes = scale[:, None] * (right @ sampled.T)
+
+        every = ColumnModes(shapes, series / scale, low, high, 0.0, held_out.size)
+        best = _fewest(every, truth, middle + half * held_out, passed, tolerance)
+        residual = best.residual
+        if residual <= tolerance:
+            return best
     raise MethodLimitError(
         "column_modes",
         f"{_COLUMNS[-1]} columns from {low:g} to {high:g} leave a residual of {residual:.1e}",
         residual / tolerance,
         "narrow the range of columns or allow a larger tolerance",
     )
+
+
+def _fewest(every: ColumnModes, truth: Array, excess: Array, passed: Array, tolerance: float) -> ColumnModes:
+    """The fewest leading modes that keep the tolerance at the held-out columns; all of them if none do.
+
+    truth (S, M): change of the radiance at ``excess`` (M,); passed (S,): filter over ∫F L₀ dσ.
+    """
+
+    def leading(rank: int) -> ColumnModes:
+        modes = replace(every, shapes=every.shapes[:rank], coefficients=every.coefficients[:, :rank])
+        left = truth - modes.shapes.T @ modes.weights(excess).astype(np.float64)
+        return replace(modes, residual=_MARGIN * float((passed @ np.abs(left)).max()))
+
+    best, too_few = leading(len(every.shapes)), 0
+    if best.residual > tolerance:
+        return best
+    while len(best.shapes) - too_few > 1:
+        tried = leading((too_few + len(best.shapes)) // 2)
+        if tried.residual <= tolerance:
+            best = tried
+        else:
+            too_few = len(tried.shapes)
+    return best
 
 
 def with_column(
