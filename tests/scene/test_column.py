@@ -94,13 +94,13 @@ def test_no_excess_changes_nothing(oxygen):
     assert with_column(scene, np.zeros((2, 2)), oxygen[1], NIR) is scene
 
 
-@pytest.mark.parametrize("direction", [0.0, 30.0, 90.0, 215.0])
 @pytest.mark.parametrize(
-    ("width", "length", "spread"), [(300.0, 2000.0, 0.2), (40.0, 1000.0, 0.1), (200.0, 150.0, 0.0)]
+    ("direction", "width", "length", "spread"),
+    [(30.0, 300.0, 500.0, 0.1), (215.0, 40.0, 500.0, 0.05), (0.0, 200.0, 150.0, 0.0)],
 )
 def test_plume_holds_the_declared_mass(direction, width, length, spread):
     plume = Plume((100.0, -40.0), direction, width, length, spread, mass_kg=5e4)
-    column = plume.column(1100, 1100, 75.0)
+    column = plume.column(320, 320, 75.0)
     assert column.min() >= 0
     assert column.sum() * 75.0**2 == pytest.approx(5e4, rel=1e-5)
 
