@@ -186,7 +186,7 @@ def with_column(
     """
     if len(scene.maps) != 1:
         raise InputError(
-            scene.source, "modes", len(scene.maps), "a gas column has been applied already",
+            scene.name, "modes", len(scene.maps), "a gas column has been applied already",
             "add up all excesses and apply the sum once to the scene of one mode",
         )  # fmt: skip
     if excess.shape != scene.maps.shape[1:]:

@@ -74,7 +74,7 @@ class Scene:
     origin_m: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        where = self.source
+        where = self.name
         if self.maps.ndim != 3 or self.maps.dtype != np.float32 or 0 in self.maps.shape:
             what = f"{self.maps.dtype} {self.maps.shape}"
             raise InputError(
@@ -99,6 +99,11 @@ class Scene:
         refuse_bad(where, "shapes", self.shapes, ("mode", "sample"))
         refuse_bad(where, "maps[0]", self.maps[0], ("row", "column"), negative=True)
         refuse_bad(where, "shapes[0]", self.shapes[0], ("sample",), negative=True)
+
+    @property
+    def name(self) -> str:
+        """What refusals call it: the first clause of ``source``, a file's path or what was built."""
+        return self.source.partition("; ")[0]
 
     @property
     def rows(self) -> int:
@@ -144,10 +149,10 @@ def tiled(
     if tile is None:
         require_size(scene, start[0] + rows, start[1] + columns)
     elif tile not in ("mirror", "repeat"):
-        raise InputError(scene.source, "tile", tile, "unknown", "use 'mirror' or 'repeat', or None to cut only")
+        raise InputError(scene.name, "tile", tile, "unknown", "use 'mirror' or 'repeat', or None to cut only")
     if rows < 1 or columns < 1 or min(start) < 0:
         raise InputError(
-            scene.source, "rows, columns, start", (rows, columns, start), "no size", "give 1 or more, from 0"
+            scene.name, "rows, columns, start", (rows, columns, start), "no size", "give 1 or more, from 0"
         )
     pick = []
     for first, count, have in ((start[0], rows, scene.rows), (start[1], columns, scene.columns)):
@@ -157,7 +162,7 @@ def tiled(
             index = np.minimum(index, 2 * have - 1 - index)
         pick.append(index % have)
     grown = scene.rows < start[0] + rows or scene.columns < start[1] + columns
-    note = f"; {tile}ed from {scene.rows} × {scene.columns} pixels".replace("eed", "ed") if grown else ""
+    note = f"; {tile}ed from {scene.rows} × {scene.columns} pixels" if grown else ""
     origin = tuple(o + s * scene.pixel_m for o, s in zip(scene.origin_m, start[::-1], strict=True))
     maps = scene.maps[:, pick[0][:, None], pick[1][None, :]]
     return replace(scene, maps=maps, source=scene.source + note, origin_m=(origin[0], origin[1]))
@@ -168,7 +173,7 @@ def require_size(scene: Scene, rows: int, columns: int) -> None:
     for field, have, need in (("columns", scene.columns, columns), ("rows", scene.rows, rows)):
         if have < need:
             raise InputError(
-                scene.source,
+                scene.name,
                 field,
                 have,
                 f"the swath needs {need}: {need - have} {field} of pixels missing",
@@ -192,7 +197,7 @@ def on_zone(
     for field, count in (("columns", columns), ("rows", rows)):
         if abs(count - round(count)) > 1e-6 * count:
             raise InputError(
-                scene.source,
+                scene.name,
                 "pixel_m",
                 scene.pixel_m,
                 f"the zone has {count:g} {field}, no whole number",
@@ -207,7 +212,7 @@ def on_zone(
 
 def require_filter(scene: Scene, band_filter: Filter) -> None:
     """Raise InputError, naming the missing wavelengths, unless the scene's spectrum covers the filter's support."""
-    require_coverage(Spectrum(scene.sigma, scene.shapes[0], scene.source), band_filter)
+    require_coverage(Spectrum(scene.sigma, scene.shapes[0], scene.name), band_filter)
 
 
 def require_positive(scene: Scene) -> None:
@@ -229,7 +234,7 @@ def require_positive(scene: Scene) -> None:
         if radiance[sample] < -_NEGATIVE * flat[0, pixel] * scene.shapes[0].max():
             row, column = divmod(int(pixel), scene.columns)
             raise InputError(
-                scene.source,
+                scene.name,
                 "maps · shapes",
                 float(radiance[sample]),
                 f"negative radiance at row {row}, column {column}, {1e9 / scene.sigma[sample]:.3f} nm",

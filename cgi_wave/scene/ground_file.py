@@ -112,9 +112,9 @@ def load_scene(
     maps = box_resample(maps, pixel, canvas.ground_pixel_m, name)
     source = name
     if maps.shape[1:] != before:
-        source += f", resampled from {pixel[0]:g} m × {pixel[1]:g} m to {canvas.ground_pixel_m:g} m"
+        source += f"; resampled from {pixel[0]:g} m × {pixel[1]:g} m to {canvas.ground_pixel_m:g} m"
     if raw.source:
-        source += f" ({raw.source})"
+        source += f"; {raw.source}"
     if raw.shapes is None or raw.sigma is None:
         if maps.max() > _LARGEST_ALBEDO:
             raise InputError(

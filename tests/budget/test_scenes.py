@@ -47,8 +47,9 @@ def test_every_named_scene_lies_on_the_zone(nir, name):
 
 def test_file_smaller_than_the_swath_is_refused_or_tiled(nir, tmp_path):
     np.savez(tmp_path / "a.npz", albedo=np.full((450, 1000), 0.2), ground_pixel_m=75.0, orientation="+y+x")
-    with pytest.raises(InputError, match="24 columns of pixels missing"):
+    with pytest.raises(InputError, match="24 columns of pixels missing") as caught:
         band_scene(nir, tmp_path / "a.npz")
+    assert caught.value.file == str(tmp_path / "a.npz")
     scene = band_scene(nir, tmp_path / "a.npz", tile="mirror")
     assert scene.columns == 1024
     assert scene.maps == pytest.approx(0.2 / 0.3)

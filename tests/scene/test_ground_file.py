@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 import xarray
 from ground_cases import NIR, canvas, flat
 
-from cgi_wave.errors import InputError
+from cgi_wave.errors import InputError, MissingPackageError
 from cgi_wave.scene.builders import edge, uniform
 from cgi_wave.scene.column import with_column
 from cgi_wave.scene.ground import on_zone
@@ -204,6 +206,13 @@ def test_geotiff_in_degrees_has_no_pixel_and_missing_values_are_found(tmp_path):
     tifffile.imwrite(tmp_path / "holes.tif", values, extratags=[(42113, "s", 0, "-9999", True)])
     with pytest.raises(InputError, match="1 of 6 values not finite, the first at mode 0, row 1, column 2"):
         load_scene(tmp_path / "holes.tif", canvas(), **STATED)
+
+
+def test_geotiff_without_its_reader_names_the_extra(tmp_path, monkeypatch):
+    (tmp_path / "a.tif").write_text("any")
+    monkeypatch.setitem(sys.modules, "tifffile", None)
+    with pytest.raises(MissingPackageError, match="geotiff"):
+        load_scene(tmp_path / "a.tif", canvas(), **STATED)
 
 
 def test_what_is_no_scene_file_is_refused(tmp_path):
