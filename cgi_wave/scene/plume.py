@@ -107,7 +107,7 @@ class Plume:
         wide = near + _REACH * self.spread * np.maximum(along, 0)
         inside = (along > -near) & (along < near + _LENGTHS * self.length_m) & (np.abs(across) < wide)
         along, across = along[inside], across[inside]
-        # Three points integrate a pixel much smaller than the plume's deviation to 1e-8 or so; narrower plumes need more.
+        # Three points integrate a pixel much smaller than the plume's deviation to 1e-8; narrower plumes need more.
         order = int(np.clip(np.ceil(2 + 3 * ground_pixel_m / self.width_m), 3, 40))
         nodes, weights = np.polynomial.legendre.leggauss(order)
         total = np.zeros_like(along)
