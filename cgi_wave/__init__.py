@@ -45,6 +45,16 @@ _HOME = {
     "coherence": "scene.coherence",
     "load_spectrum": "scene.spectrum_file",
     "toa_radiance": "scene.radiance",
+    # scenes
+    "Plume": "scene.plume",
+    "Scene": "scene.ground",
+    "band_scene": "budget.scenes",
+    "canvas": "budget.scenes",
+    "landsat_crop": "scene.landsat",
+    "load_scene": "scene.ground_file",
+    "save_scene": "scene.ground_file",
+    "with_column": "scene.column",
+    "with_plume": "scene.plume",
     # interferograms, M, B and NMA
     "plot_psi": "fringes.plots",
     "retrieve": "fringes.nma",

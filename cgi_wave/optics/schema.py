@@ -115,7 +115,11 @@ class CoatingSpec(_Strict):
 
 
 class EntranceSpec(_Strict):
-    """Entrance pupil: a disc in world axes, light along its +z; rays start ``back_off_mm`` before it, in ``space``."""
+    """Entrance pupil: a disc in world axes, light along its +z; rays start ``back_off_mm`` before it, in ``space``.
+
+    ``altitude_km`` above the ground and ``focal_mm``, the image scale at the detector, say how large a pixel is there:
+    only scenes ask for them.
+    """
 
     space: str
     radius_mm: float
@@ -123,6 +127,8 @@ class EntranceSpec(_Strict):
     at_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rotate_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     half_field_deg: tuple[float, float] = (1.0, 1.0)
+    altitude_km: float | None = None
+    focal_mm: float | None = None
 
 
 class DetectorSpec(_Strict):

@@ -93,13 +93,18 @@ def transmission(
     """
     if not (np.isfinite(air_mass) and air_mass >= 0):
         raise ValueError(f"air_mass = {air_mass}: must be finite and ≥ 0")
-    depth = _optical_depth(lines, np.asarray(sigma, dtype=np.float64), atmosphere or standard_atmosphere())
+    depth = optical_depth(lines, np.asarray(sigma, dtype=np.float64), atmosphere or standard_atmosphere())
     result: NDArray[np.float64] = np.exp(-air_mass * depth)
     return result
 
 
-def _optical_depth(lines: LineList, sigma: NDArray[np.float64], atmosphere: tuple[Layer, ...]) -> NDArray[np.float64]:
-    """(S,) vertical optical depth."""
+def column_mass(lines: LineList, atmosphere: tuple[Layer, ...]) -> float:
+    """Mass of the absorber in a vertical column, kg/m²."""
+    return lines.mass_kg * lines.mole_fraction * sum(layer.air_column for layer in atmosphere)
+
+
+def optical_depth(lines: LineList, sigma: NDArray[np.float64], atmosphere: tuple[Layer, ...]) -> NDArray[np.float64]:
+    """(S,) vertical optical depth at ascending wavenumbers ``sigma`` in 1/m."""
     column = np.array([layer.air_column * lines.mole_fraction for layer in atmosphere])[:, None]
     area = column * np.array([lines.strength_at(layer.temperature_k) for layer in atmosphere])  # (K, L)
     lorentz = np.array([lines.half_width_at(layer.temperature_k, layer.pressure_pa) for layer in atmosphere])

@@ -16,8 +16,8 @@ from cgi_wave.scene.spectrum import Spectrum
 Array = NDArray[np.float64]
 MAX_SAMPLES = 4_000_000
 _RESAMPLING_TARGET = 1e-4
-_SCALE = {"nm": 1e-9, "um": 1e-6, "m": 1.0, "cm-1": 1e2, "m-1": 1.0}  # one unit in m (lengths) or 1/m (wavenumbers)
-_AXES = {"wavelength": ("nm", "um", "m"), "wavenumber": ("cm-1", "m-1")}
+SCALE = {"nm": 1e-9, "um": 1e-6, "m": 1.0, "cm-1": 1e2, "m-1": 1.0}  # one unit in m (lengths) or 1/m (wavenumbers)
+AXES = {"wavelength": ("nm", "um", "m"), "wavenumber": ("cm-1", "m-1")}
 _COLUMNS = (
     "columns wavelength_{nm,um,m} or wavenumber_{cm-1,m-1}, and radiance_W_m2_sr_{nm,um,m,cm-1,m-1}, "
     "such as wavelength_nm,radiance_W_m2_sr_nm"
@@ -45,9 +45,9 @@ def load_spectrum(path: str | Path, band_filter: Filter | None = None, max_opd_m
     path = Path(path)
     axis, axis_unit, x, per, radiance = _read_netcdf(path) if path.suffix == ".nc" else _read_csv(path)
     _check(path, axis, x, radiance)
-    sigma = 1 / (x * _SCALE[axis_unit]) if axis == "wavelength" else x * _SCALE[axis_unit]
-    per_sigma = radiance / _SCALE[per]
-    if per in _AXES["wavelength"]:
+    sigma = 1 / (x * SCALE[axis_unit]) if axis == "wavelength" else x * SCALE[axis_unit]
+    per_sigma = radiance / SCALE[per]
+    if per in AXES["wavelength"]:
         per_sigma = per_sigma / sigma**2  # L_σ = L_λ |dλ/dσ|
     if sigma[0] > sigma[-1]:
         sigma, per_sigma = sigma[::-1], per_sigma[::-1]
@@ -142,9 +142,9 @@ def _read_csv(path: Path) -> tuple[str, str, Array, str, Array]:
             raise InputError(str(path), "header", ",".join(header), problem, f"give {_COLUMNS}")
     x_column, x_name, axis, axis_unit = found_axis[0]
     y_column, y_name, per, y_units = found_radiance[0]
-    if axis_unit not in _AXES[axis]:
+    if axis_unit not in AXES[axis]:
         raise InputError(str(path), x_name, axis_unit, "unknown unit", f"give {_COLUMNS}")
-    if per not in _SCALE or not y_units.startswith("W_m2_sr_"):
+    if per not in SCALE or not y_units.startswith("W_m2_sr_"):
         raise InputError(str(path), y_name, y_units, "unknown unit", f"give {_COLUMNS}")
     return axis, axis_unit, _column(path, rows, x_column, x_name), per, _column(path, rows, y_column, y_name)
 
@@ -172,7 +172,7 @@ def _read_netcdf(path: Path) -> tuple[str, str, Array, str, Array]:
         raise InputError(
             str(path), "file", path.name, f"not a NetCDF-4 file ({error})", "give NetCDF-4 or CSV"
         ) from error
-    axes = [name for name in _AXES if name in variables]
+    axes = [name for name in AXES if name in variables]
     if len(axes) != 1 or "radiance" not in variables:
         raise InputError(
             str(path), "variables", sorted(variables), "not one axis and one radiance", f"give {_VARIABLES}"
@@ -182,20 +182,21 @@ def _read_netcdf(path: Path) -> tuple[str, str, Array, str, Array]:
     if len(shapes[axis]) != 1 or shapes["radiance"] != shapes[axis]:
         raise InputError(str(path), "shape", shapes, "not two vectors of one length", f"give {_VARIABLES}")
     units = {name: str(variables[name].attrs.get("units", "")) for name in (axis, "radiance")}
-    axis_unit = _plain(units[axis])
-    if axis_unit not in _AXES[axis]:
+    axis_unit = plain_units(units[axis])
+    if axis_unit not in AXES[axis]:
         raise InputError(str(path), f"{axis}.units", units[axis], "unknown unit", f"give {_VARIABLES}")
-    per = next((unit for unit in _SCALE if _plain(units["radiance"]) in _spellings(unit)), None)
+    per = next((unit for unit in SCALE if plain_units(units["radiance"]) in spellings(unit)), None)
     if per is None:
         raise InputError(str(path), "radiance.units", units["radiance"], "unknown unit", f"give {_VARIABLES}")
     x, y = (np.asarray(variables[name].values, dtype=np.float64) for name in (axis, "radiance"))
     return axis, axis_unit, x, per, y
 
 
-def _plain(units: str) -> str:
+def plain_units(units: str) -> str:
+    """A unit without blanks, brackets and the marks of powers."""
     return re.sub(r"[\s^*()·.]", "", units.replace("µ", "u").replace("μ", "u").replace("1/cm", "cm-1"))
 
 
-def _spellings(unit: str) -> tuple[str, ...]:
+def spellings(unit: str) -> tuple[str, ...]:
     """Ways to write W m⁻² sr⁻¹ per ``unit``, stripped of blanks, brackets and the marks of powers."""
     return f"Wm-2sr-1{unit}-1", f"W/m2/sr/{unit}", f"W/m2sr{unit}", f"Wm-2sr-1/{unit}"
