@@ -155,7 +155,7 @@ def analyse_bands(
 
 def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cross_family: bool) -> tuple[Task, int]:
     """Search and select the ghost paths of a band: the task of its field points, and how many paths were found."""
-    here = _setting(raw, file, name)
+    here = setting_of(raw, file, name)
     found = find_paths(here.system)
     paths = select_ghosts(here, found)
     return Task(raw, file, name, paths, tolerance, cross_family), len(found)
@@ -212,7 +212,7 @@ class Task:
 _settings: dict[tuple[str, str, str], Setting] = {}
 
 
-def _setting(raw: dict[str, Any], file: str, band: str) -> Setting:
+def setting_of(raw: dict[str, Any], file: str, band: str) -> Setting:
     """The band's setting, made once in a process; those of another instrument are forgotten."""
     instrument = from_document(raw, file)
     key = (instrument.hash, file, band)
@@ -225,7 +225,7 @@ def _setting(raw: dict[str, Any], file: str, band: str) -> Setting:
 
 def analyse_field(task: Task, index: int) -> FieldResult:
     """One field point of one band: beams, coherence, point-source contrasts, interferogram, M, B and NMA."""
-    here = _setting(task.raw, task.file, task.band)
+    here = setting_of(task.raw, task.file, task.band)
     system = here.system
     x0 = system.field_points()[index]
     # A BLAS that starts threads of its own for 300 × 150 matrices only waits for them.

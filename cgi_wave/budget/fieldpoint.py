@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,7 +94,12 @@ class Beams:
 
 
 def trace_beams(
-    setting: Setting, paths: Sequence[Path], x0: Array, tolerance: float, cross_family: bool = False
+    setting: Setting,
+    paths: Sequence[Path],
+    x0: Array,
+    tolerance: float,
+    cross_family: bool = False,
+    wanted: Collection[frozenset[str]] = (),
 ) -> Beams:
     """Trace every path to ``x0`` and plan which pairs of beams are worth computing; arguments as in ``field_point``."""
     system, envelope, nma = setting.system, setting.envelope, setting.nma
@@ -120,28 +125,49 @@ def trace_beams(
     frequency = slope / slope[0, 1] if slope[0, 1] != 0.0 else None
     labels = tuple(path.label for path in kept)
     plan = plan_pairs(
-        labels, sums[:, 0], group, low, high, gamma, envelope, nma, tolerance, cross_family, frequency, NOMINAL_SHARE
+        labels,
+        sums[:, 0],
+        group,
+        low,
+        high,
+        gamma,
+        envelope,
+        nma,
+        tolerance,
+        cross_family,
+        frequency,
+        NOMINAL_SHARE,
+        wanted,
     )
     return Beams(theta, tuple(kept), tuple(traced), sheets, sums, plan, tuple(empty))
 
 
 def field_point(
-    setting: Setting, paths: Sequence[Path], x0: Array, tolerance: float, cross_family: bool = False
+    setting: Setting,
+    paths: Sequence[Path],
+    x0: Array,
+    tolerance: float,
+    cross_family: bool = False,
+    wanted: Collection[frozenset[str]] = (),
 ) -> FieldPoint:
     """Trace every path to ``x0``, fit its pupil field, and compute the mutual coherence of the pairs that matter.
 
     paths: nominal arm 1, nominal arm 2, then ghosts. tolerance: largest part of the nominal modulation that one pair
     may add and be left out. cross_family: compute pairs of ghosts off different surfaces too. Their phase hangs on
     distances that no drawing gives to a fraction of a wavelength, so that a number for them is one of many; by default
-    they are left out with their bounds.
+    they are left out with their bounds. wanted: pairs of labels that are computed whatever their bound.
 
     A beam of which every pair stays below the tolerance adds its power only: that is summed over its rays, with the
     error of such a sum, and no field is fitted to it.
 
     Raises EmptyBeamError if a nominal beam does not arrive.
     """
+    return coherence_of(setting, trace_beams(setting, paths, x0, tolerance, cross_family, wanted), x0, tolerance)
+
+
+def coherence_of(setting: Setting, beams: Beams, x0: Array, tolerance: float) -> FieldPoint:
+    """The second half of ``field_point``: pupil fields and mutual coherence of what ``trace_beams`` found."""
     system = setting.system
-    beams = trace_beams(setting, paths, x0, tolerance, cross_family)
     sigma = chebyshev_wavenumbers(*setting.support, TRACED_WAVENUMBERS)
     fields, unresolved = _fields(system, beams, sigma, x0)
     # J is in units of solid angle; the nominal beam of arm 1 says what that is as a share of the input.
@@ -214,6 +240,16 @@ def _pairs(
             failed.append(LeftOut(item.m, item.l, item.modulation, f"not resolved: {error}"))
             continue
         pairs.append(
-            Pair(item.m, item.l, nodes, found.value, found.error_bound, found.opd_m, found.slope, found.method)
+            Pair(
+                item.m,
+                item.l,
+                nodes,
+                found.value,
+                found.error_bound,
+                found.opd_m,
+                found.slope,
+                found.method,
+                found.pivot,
+            )
         )
     return pairs, failed

@@ -12,7 +12,7 @@ range; where that is in doubt, give ``gamma_max`` = 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -138,6 +138,7 @@ def plan_pairs(
     cross_family: bool = True,
     frequency: Array | None = None,
     nominal_share: float = 1.0,
+    wanted: Collection[frozenset[str]] = (),
 ) -> PairPlan:
     """Decide which pairs are computed: those whose modulation bound exceeds ``tolerance``, and the nominal one always.
 
@@ -150,6 +151,7 @@ def plan_pairs(
     nominal_share : part of the tolerance above which ghost–nominal pairs are kept: they are the paper's whole M*
     frequency : (B, B) fringe frequency of each pair relative to the nominal pair's, for what is left out
     cross_family : False leaves out pairs of ghosts of different families whatever their bound, which is reported
+    wanted : pairs of labels that are kept whatever their bound
     Powers of the beams themselves are never left out here: they belong to the baseline in full.
 
     Raises InputError for shapes, negative powers, γ above 1, and an NMA or tolerance that is not positive.
@@ -165,6 +167,8 @@ def plan_pairs(
     nominal, ghost_nominal, crossing = (pairs.kind == KINDS.index(kind) for kind in (KINDS[0], KINDS[1], KINDS[3]))
     above = pairs.modulation > np.where(ghost_nominal, nominal_share, 1.0) * tolerance
     keep = nominal | (above & (cross_family | ~crossing))
+    if wanted:
+        keep |= np.array([{labels[i], labels[j]} in wanted for i, j in zip(m, l, strict=True)])
     switched_off = ~keep & (pairs.modulation > tolerance)
     share = np.full(len(m), np.nan) if frequency is None else frequency[m, l]
     reasons = (f"bound below the tolerance, {tolerance:g} of M", "cross-family pairs switched off")

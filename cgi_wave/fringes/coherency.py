@@ -23,6 +23,7 @@ class Pair:
     opd_m : (S,) m, phase OPD at each σ (group OPD follows from its variation with σ)
     slope : dOPD/dy, dimensionless
     method : name of the method that produced gamma
+    pivot : (2,) m, the entrance pupil point of which opd_m is the path difference; NaN where nobody asked
     """
 
     m: int
@@ -33,6 +34,7 @@ class Pair:
     opd_m: NDArray[np.float64]
     slope: float
     method: str
+    pivot: tuple[float, float] = (float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)

@@ -176,14 +176,14 @@ def _interferogram(
         contrast_error=contrast,
         sampling_error=sampling,
         numerical_error=numerical,
-        left_out=_standard_error(coherency, out, 1.0),
-        left_out_baseline=_standard_error(coherency, out, 0.0),
+        left_out=standard_error(coherency, out, 1.0),
+        left_out_baseline=standard_error(coherency, out, 0.0),
         left_out_bound=float(out.bound.sum()),
         unbounded=wanted - int(used.sum()) - len(out),
     )
 
 
-def _standard_error(coherency: Coherency, out: LeftOutPairs, frequency: float) -> float:
+def standard_error(coherency: Coherency, out: LeftOutPairs, frequency: float) -> float:
     """Bounds added plainly within each pair of families, and in squares over the pairs of families.
 
     A pair counts in full within NEAR of ``frequency`` (in nominal fringe frequencies) or if its own is not known.

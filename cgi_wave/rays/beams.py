@@ -30,7 +30,7 @@ class Rays:
 
     u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
     amplitude (S, N): √(power · Jacobian); clearance (K, S, N); direction (S, N, 2); pupil (S, N, 2) m;
-    x (S, N, 2) m on the detector; phase rad.
+    x (S, N, 2) m on the detector; phase rad; theta (S, N, 2): cosines of the source direction.
     even (N,): rays that are spread evenly over the pupil, each for a cell of ``cell`` m² (the others line the rim).
     """
 
@@ -44,6 +44,7 @@ class Rays:
     phase: float
     even: NDArray[np.bool_]
     cell: float
+    theta: Array
 
     def power(self) -> tuple[float, float]:
         """Sum of amplitude² over the even rays that pass (shared detector point, middle wavenumber), and its error.
@@ -172,7 +173,8 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         # What is left of the aiming error moves the end of the ray by δx: to first order Λ changes by q·δx.
         opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
         amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(beam.by_theta[keep])), 1e-300))
-        parts.append((p, opl, amplitude, clearance_rows(sequence.aperture, traced.foot), traced.direction, p, traced.x))
+        clearance = clearance_rows(sequence.aperture, traced.foot)
+        parts.append((p, opl, amplitude, clearance, traced.direction, p, traced.x, beam.theta[keep]))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
     crossed = caustics(sequence, p[nearest], aimed.theta[keep][nearest], "theta")
     even = (np.arange(NODES) < NODES - RING)[keep]
@@ -216,7 +218,8 @@ def rays_from_direction(
         opl = traced.opl + p @ theta - (traced.direction * (traced.x - x0)).sum(axis=1)
         amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(by_p)), 1e-300))
         clearance = clearance_rows(sequence.aperture, traced.foot)
-        parts.append((traced.direction, opl, amplitude, clearance, traced.direction, p, traced.x))
+        same = np.broadcast_to(theta, p.shape)
+        parts.append((traced.direction, opl, amplitude, clearance, traced.direction, p, traced.x, same))
     crossed = caustics(sequence, p[nearest], theta, "p")
     # From position to direction by stationary phase: exp(iπ/4 · signature of ∂q/∂x).
     signature = np.sign(np.linalg.eigvals(curvature).real).sum()
@@ -231,10 +234,10 @@ def _det(matrices: Array) -> Array:
 
 
 def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES) -> Rays:
-    u, opl, amplitude, clearance, direction, p, x = (np.stack([part[i] for part in parts]) for i in range(7))
+    u, opl, amplitude, clearance, direction, p, x, theta = (np.stack([part[i] for part in parts]) for i in range(8))
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
     cell = float(np.pi * (EVEN * half) ** 2 / (count - rim(count)))
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
     near = clearance.min(axis=(1, 2)) < COMFORTABLE
     near[0] = True
-    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell)
+    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell, theta)

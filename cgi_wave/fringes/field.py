@@ -1,0 +1,136 @@
+"""The fringe field: powers, contrasts and path differences of all beams, known over a zone of the detector.
+
+Every quantity of Eq. 2 is given on a grid of Chebyshev nodes over the zone, where field points were traced, and is a
+polynomial in between. What that leaves over is measured at further traced points.
+
+Coordinates: x across track, y along track (the OPD axis), m, on the detector, from its centre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.fringes import chebyshev
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class FieldPair:
+    """Mutual coherence of beams m and l at S wavenumbers over the zone's nodes.
+
+    The pair's part of the irradiance is 2√(t_m t_l) Re[gamma exp(i 2πσ opd_m)]; both are given for one pupil point, the
+    same at all nodes, so that they vary smoothly.
+
+    sigma (S,) 1/m; gamma (S, Y, X) complex, |gamma| ≤ 1; opd_m (S, Y, X) m
+    error : largest bound on the error of gamma at the nodes
+    interpolation : largest |difference| of gamma, phase included, at the traced points between the nodes
+    """
+
+    m: int
+    l: int  # noqa: E741  (the paper's symbol)
+    sigma: Array
+    gamma: Complex
+    opd_m: Array
+    error: float
+    interpolation: float
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """A dead zone: at y_m the thickness of an arm's plate steps, and cuts the converging beam of that arm.
+
+    Light that comes to a focus at a distance d from the step crosses it within a disc of radius half_width_m: the part
+    of the disc beyond d is lost, on the way in and, mirrored, on the way out.
+    """
+
+    arm: int
+    y_m: float
+    half_width_m: float
+
+    def passed(self, y: Array) -> Array:
+        """Share of the arm's light that passes the step, at rows y (R,)."""
+        d = np.clip(np.abs(y - self.y_m) / self.half_width_m, 0.0, 1.0)
+        return np.asarray(1.0 - 2.0 * (np.arccos(d) - d * np.sqrt(1.0 - d * d)) / np.pi)
+
+
+@dataclass(frozen=True)
+class SceneView:
+    """How one family of ghosts sees the scene: source directions as the places where the nominal beam images them.
+
+    family : number of the family; affine (2, 3): mean place (X, Y) = affine @ (x, y, 1) of the light on detector point
+    (x, y), m; kernel (H, W): how that light is spread about its mean, at the detector's pixel pitch, [Y, X], both sizes
+    odd, sum 1 (1 × 1: within a pixel); misfit_m : largest distance of a node's mean place from the affine map
+    """
+
+    family: int
+    name: str
+    affine: Array
+    kernel: Array
+    misfit_m: float
+
+
+@dataclass(frozen=True)
+class FringeField:
+    """All beams of one band over one zone of the detector. labels[0] and labels[1] are the nominal beams.
+
+    x_m (X,), y_m (Y,) : Chebyshev nodes over the zone, m; zone : x0, x1, y0, y1, m (pixel edges)
+    rows, columns : first and last + 1 pixel of the zone; pixel_m : pitch
+    family (B,), order (B,) ; arms (B, 2) : how often each beam passes arm 1 and arm 2
+    transmission (B, Y, X) : powers relative to the input; transmission_error (B,) : absolute, at the nodes
+    transmission_interpolation : largest misfit of the sum of ghost powers at the traced points between the nodes
+    sigma0 : 1/m, wavenumber of the carrier; views : one per family of ghosts
+    left_out, left_out_baseline : largest over the nodes of what was not computed, relative to M (see ``psi``)
+    """
+
+    band: str
+    x_m: Array
+    y_m: Array
+    zone: tuple[float, float, float, float]
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    pixel_m: float
+    labels: tuple[str, ...]
+    family: NDArray[np.int64]
+    order: NDArray[np.int64]
+    arms: NDArray[np.int64]
+    transmission: Array
+    transmission_error: Array
+    transmission_interpolation: float
+    pairs: tuple[FieldPair, ...]
+    sigma0: float
+    shadows: tuple[Shadow, ...]
+    views: tuple[SceneView, ...]
+    left_out: float
+    left_out_baseline: float
+
+    @property
+    def x_pixels(self) -> Array:
+        """(C,) centres of the zone's columns, m."""
+        return np.asarray(self.zone[0] + (np.arange(self.columns[1] - self.columns[0]) + 0.5) * self.pixel_m)
+
+    @property
+    def y_pixels(self) -> Array:
+        """(R,) centres of the zone's rows, m."""
+        return np.asarray(self.zone[2] + (np.arange(self.rows[1] - self.rows[0]) + 0.5) * self.pixel_m)
+
+    @property
+    def nominal(self) -> FieldPair:
+        """The pair of both nominal beams."""
+        return next(pair for pair in self.pairs if {pair.m, pair.l} == {0, 1})
+
+    def to(self, y: Array, x: Array) -> tuple[Array, Array]:
+        """Matrices (len(y), Y) and (X, len(x)) that take values at the nodes to the grid y × x."""
+        return chebyshev.interpolation_matrix(self.y_m, y), chebyshev.interpolation_matrix(self.x_m, x).T
+
+
+def at_sigma(pair: FieldPair, sigma: float) -> tuple[Complex, Array]:
+    """gamma (Y, X) and opd (Y, X) of a pair at one wavenumber, between its own."""
+    if len(pair.sigma) == 1:
+        return pair.gamma[0], pair.opd_m[0]
+    row = chebyshev.interpolation_matrix(pair.sigma, np.array([sigma]))[0]
+    return np.tensordot(row, pair.gamma, 1), np.tensordot(row, pair.opd_m, 1)

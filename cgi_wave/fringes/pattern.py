@@ -1,0 +1,339 @@
+"""Fringe patterns over a zone of the detector: Eq. 2 for every pixel, under uniform light of given spectral shapes.
+
+    P_c(x, y) = Σ_m t_m b_c + ∫ w_c(σ) Σ_pairs 2√(t_m t_l) Re[γ_ml(σ) exp(i 2πσ OPD_ml(σ))] dσ,   b_c = ∫ w_c dσ
+
+t, γ and OPD are those of the fringe field at each pixel, averaged over the pixel. A direct sum costs pixels × pairs ×
+spectral samples. Here
+
+* the spectrum is reduced to the few wavenumbers that its product with γ exp(i 2πσ OPD) needs (``chebyshev.compress``);
+* from each pair's fringes the nearest whole multiple h of the nominal phase φ = 2πσ0·OPD is taken out. What is left is
+  smooth: it is summed over pairs on a small grid of Chebyshev nodes, and carried to the pixels by two matrix products;
+* all pairs of one multiple share one carrier exp(ihφ), and all carriers one sine and cosine per pixel.
+
+Beams that see the scene alike make one layer: the nominal beams, what interferes with them, and ghosts that image the
+scene onto itself; every other family of ghosts, with its own map and blur, makes a layer of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.errors import InputError, MethodLimitError
+from cgi_wave.fringes import chebyshev
+from cgi_wave.fringes.field import FieldPair, FringeField, SceneView, at_sigma
+from cgi_wave.kernels.fringes import add_fringes
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+METHOD = "fringe pattern"
+#: Nodes per axis of the grid on which what is left of the fringes is summed: first, and at most.
+FIRST_NODES, MOST_NODES = (16, 12), 160
+THREADS = 2
+#: Distance, in pixels, from the nominal image below which a ghost is taken to image the scene onto itself.
+SAME_IMAGE = 0.25
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Fringe pattern of beams that see the scene alike.
+
+    name : "nominal", or the parasitic history of a family; pattern (C, R, K) : relative irradiance per spectral shape
+    over the zone's rows and columns; view : how the scene is seen, None for the nominal image
+    error : bound of what is wrong with ``pattern[0]`` anywhere, relative irradiance: the sum of the next four
+    contrast : bounds of the contrasts at the traced points; power : of the powers; interpolation : measured between
+    traced points, over pairs added plainly; numerical : reduction of the spectrum and of the smooth part
+    """
+
+    name: str
+    pattern: Array
+    view: SceneView | None
+    error: float
+    contrast: float
+    power: float
+    interpolation: float
+    numerical: float
+
+
+@dataclass
+class _Group:
+    """Smooth parts on the grid (C, My, Mx): baseline, and a complex envelope per harmonic; shaded alike by the arms."""
+
+    base: Array
+    harmonics: dict[int, Complex] = field(default_factory=dict)
+
+
+@dataclass
+class _Sums:
+    """What one layer gathers: groups by how often its light passes the arms, and its errors."""
+
+    view: SceneView | None
+    groups: dict[tuple[int, int], _Group] = field(default_factory=dict)
+    contrast: float = 0.0
+    power: float = 0.0
+    interpolation: float = 0.0
+    numerical: float = 0.0
+
+
+def fringe_patterns(
+    zone: FringeField, sigma: Array, weights: Array, tolerance: float = 1e-7, pixel: bool = True
+) -> tuple[Layer, ...]:
+    """Patterns of all layers of a fringe field, the nominal one first.
+
+    sigma (S,) 1/m ascending; weights (C, S): filter × spectral shape, the first ≥ 0: its integral makes the unit.
+    tolerance: largest error of the reduction, as a share of the nominal baseline; pixel: average over pixels (exact for
+    an OPD that is linear within one), or take their centres.
+
+    Raises InputError for weights that do not fit; MethodLimitError if the spectral step exceeds 1/(4·largest group
+    OPD), the pairs' spectral range misses more than 1e-4 of the weight, or what is left of a pair's fringes is not
+    smooth on MOST_NODES nodes.
+    """
+    sigma, measures = _measures(sigma, np.atleast_2d(weights))
+    sigma, measures, lost = _restricted(zone.pairs, sigma, measures)
+    node, reduced = _spectrum(zone, sigma, measures)
+    size = (max(FIRST_NODES[0], len(zone.y_m)), max(FIRST_NODES[1], len(zone.x_m)))
+    while True:
+        y, x = (chebyshev.nodes(n, *ends) for n, ends in zip(size, (zone.zone[2:], zone.zone[:2]), strict=True))
+        sums = _layers(zone, node, reduced, y, x, pixel)
+        worst = max(s.numerical for s in sums.values())
+        if worst <= tolerance * float(zone.transmission[:2].sum(axis=0).mean()):
+            break
+        if max(size) >= MOST_NODES:
+            raise MethodLimitError(
+                METHOD,
+                f"{zone.band}: on {size[0]} × {size[1]} nodes the fringes, less multiples of the nominal ones, are "
+                f"known to {worst:.2g}",
+                worst / tolerance, "raise the tolerance, or the power below which pairs are left out",
+            )  # fmt: skip
+        size = (min(2 * size[0], MOST_NODES), min(2 * size[1], MOST_NODES))
+    layers = []
+    for name, s in sums.items():
+        pattern = _to_pixels(zone, s.groups, y, x)
+        numerical = s.numerical + 2.0 * lost * float(np.abs(pattern[0]).max())
+        error = s.contrast + s.power + s.interpolation + numerical
+        layers.append(Layer(name, pattern, s.view, error, s.contrast, s.power, s.interpolation, numerical))
+    return tuple(layers)
+
+
+def _measures(sigma: Array, weights: Array) -> tuple[Array, Array]:
+    """Wavenumbers and trapezoidal measures (C, S), those of the first adding up to 1."""
+    if sigma.ndim != 1 or weights.shape != (len(weights), len(sigma)) or not np.all(np.isfinite(weights)):
+        raise InputError(METHOD, "weights", weights.shape, f"do not fit {sigma.shape} wavenumbers, or are not finite",
+                         "give one row per spectral shape, on the grid of sigma")  # fmt: skip
+    if not (np.all(np.diff(sigma) > 0.0) and np.all(weights[0] >= 0.0) and weights[0].sum() > 0.0):
+        raise InputError(METHOD, "weights", float(weights[0].min()), "of the first shape must be ≥ 0 and not all zero, "
+                         "and wavenumbers ascend", "check that the filter lies inside the spectrum")  # fmt: skip
+    step = np.ones(1) if len(sigma) == 1 else np.gradient(sigma)
+    if len(sigma) > 1:
+        step[[0, -1]] = 0.5 * (sigma[1] - sigma[0]), 0.5 * (sigma[-1] - sigma[-2])
+    return sigma, weights * step / float(weights[0] @ step)
+
+
+def _restricted(pairs: Sequence[FieldPair], sigma: Array, measures: Array) -> tuple[Array, Array, float]:
+    """The samples that every pair's Chebyshev range covers, and the largest weight lost with the others."""
+    low, high = -np.inf, np.inf
+    for pair in pairs:
+        n = len(pair.sigma)
+        if n > 1:  # nodes of the first kind stop short of the range they serve, by this factor
+            centre, half = 0.5 * (pair.sigma[0] + pair.sigma[-1]), 0.5 * (pair.sigma[-1] - pair.sigma[0])
+            half *= (1.0 + 1e-9) / np.cos(np.pi / (2 * n))
+            low, high = max(low, centre - half), min(high, centre + half)
+    inside = (sigma >= low) & (sigma <= high)
+    lost = float(np.abs(measures[:, ~inside]).sum(axis=1).max())
+    if lost > 1e-4:
+        raise MethodLimitError(METHOD, f"{lost:.2e} of the spectral weight lies outside the pairs' range "
+                               f"{low:.6g}…{high:.6g} 1/m, at most 1e-4 may", lost / 1e-4,
+                               "compute the contrasts over a wider spectral range")  # fmt: skip
+    return sigma[inside], measures[:, inside], lost
+
+
+def _group_opd(pair: FieldPair) -> float:
+    """Largest |d(σ·OPD)/dσ| of a pair over the zone's nodes, m."""
+    if len(pair.sigma) == 1:
+        return float(np.abs(pair.opd_m).max())
+    product = pair.sigma[:, None, None] * pair.opd_m
+    return float(np.abs(np.tensordot(chebyshev.derivative_matrix(pair.sigma), product, 1)).max())
+
+
+def _spectrum(zone: FringeField, sigma: Array, measures: Array) -> tuple[Array, Array]:
+    """Few wavenumbers (J,) and weights (C, J) that stand for the spectrum, up to the largest group OPD."""
+    if len(sigma) == 1:
+        return sigma, measures
+    reach = max(_group_opd(pair) for pair in zone.pairs)
+    factor = 4.0 * reach * float(np.diff(sigma).max())
+    if factor > 1.0:
+        raise MethodLimitError(
+            METHOD,
+            f"spectral step at most 1/(4 OPD) = {0.25 / reach:.4g} 1/m for the largest group OPD kept, {reach:.4g} m",
+            factor,
+            f"sample the spectrum {np.ceil(factor):.0f} times finer, or leave the pairs of longest OPD out, bounded",
+        )
+    degree = max(len(pair.sigma) for pair in zone.pairs)
+    count = chebyshev.degree_for(np.pi * float(np.ptp(sigma)) * reach, degree)
+    return chebyshev.compress(sigma, measures, count, sigma[0], sigma[-1])
+
+
+def _layers(zone: FringeField, node: Array, reduced: Array, y: Array, x: Array, pixel: bool) -> dict[str, _Sums]:
+    """Sums of all layers on the grid y × x: the nominal layer first."""
+    to_y, to_x = zone.to(y, x)
+    power = np.maximum(to_y @ zone.transmission @ to_x, 0.0)
+    shape = (len(reduced), len(y), len(x))
+    seen: dict[int, str] = {0: "nominal"}
+    sums = {"nominal": _Sums(None)}
+    for view in zone.views:
+        same = _onto_itself(zone, view)
+        seen[view.family] = "nominal" if same else view.name
+        if not same:
+            sums[view.name] = _Sums(view)
+    unit = reduced.sum(axis=1)
+    for number, family in enumerate(zone.family):
+        group = _group(sums[seen[int(family)]], _passes(zone, (number,)), shape)
+        group.base += unit[:, None, None] * power[number]
+        sums[seen[int(family)]].power += float(zone.transmission_error[number])
+    sums["nominal"].interpolation += zone.transmission_interpolation
+    _, opd = at_sigma(zone.nominal, zone.sigma0)
+    carrier = zone.sigma0 * opd
+    for pair in zone.pairs:
+        own = sums[seen[_layer_of(zone, pair)]]
+        amplitude = 2.0 * np.sqrt(power[pair.m] * power[pair.l])
+        h, envelope, missed = _envelope(zone, pair, amplitude, carrier, node, reduced, (y, x), (to_y, to_x), pixel)
+        group = _group(own, _passes(zone, (pair.m, pair.l)), shape)
+        if h == 0:
+            group.base += envelope.real
+        else:
+            group.harmonics[h] = group.harmonics.get(h, np.zeros(shape, np.complex128)) + envelope
+        largest = float(amplitude.max())
+        own.contrast += largest * pair.error
+        own.interpolation += largest * pair.interpolation
+        # The series must have ended in both directions of the field.
+        along_y, along_x = chebyshev.tail(np.moveaxis(envelope, 1, -1)), chebyshev.tail(envelope)
+        own.numerical += missed + float(max(along_y.max(), along_x.max()))
+    return sums
+
+
+def _envelope(
+    zone: FringeField, pair: FieldPair, amplitude: Array, carrier: Array, node: Array, reduced: Array,
+    grid: tuple[Array, Array], to: tuple[Array, Array], pixel: bool,
+) -> tuple[int, Complex, float]:  # fmt: skip
+    """Multiple h ≥ 0 of the carrier (cycles, at the zone's nodes), what is left (C, My, Mx), the spectrum's error."""
+    y, x = grid
+    _, own = at_sigma(pair, zone.sigma0)
+    own = zone.sigma0 * own
+    spread, other = carrier - carrier.mean(), own - own.mean()
+    h = int(np.rint((spread * other).sum() / max((spread * spread).sum(), 1e-300)))
+    to_node = chebyshev.interpolation_matrix(pair.sigma, node) if len(pair.sigma) > 1 else np.ones((len(node), 1))
+    gamma, opd = (np.tensordot(to_node, to[0] @ values @ to[1], 1) for values in (pair.gamma, pair.opd_m))
+    wave = node[:, None, None]
+    term = amplitude * gamma
+    if pixel:
+        term = _pixel_mean(term, wave * opd, y, x, zone.pixel_m)
+    term *= np.exp(2j * np.pi * (wave * opd - h * (to[0] @ carrier @ to[1])))
+    left = np.tensordot(reduced, term, 1)
+    error = 0.0
+    if len(node) > 1:
+        error = 2.0 * float(chebyshev.tail(np.moveaxis(term, 0, -1)).max()) * float(np.abs(reduced).sum(axis=1).max())
+    return (h, left, error) if h >= 0 else (-h, left.conj(), error)
+
+
+def _pixel_mean(envelope: Complex, cycles: Array, y: Array, x: Array, pitch: float) -> Complex:
+    """Envelope (J, My, Mx) of the fringes exp(i 2π cycles), averaged over pixels of ``pitch``.
+
+    To the second order of what envelope and phase change by within a pixel, beyond a phase that is linear there: with
+    its slope k (rad/m) and S(k) = sin(k pitch/2)/(k pitch/2), the means of δⁿ exp(ikδ) are (−i d/dk)ⁿ S.
+    """
+    to_y, to_x = chebyshev.derivative_matrix(y), chebyshev.derivative_matrix(x).T
+    phase = 2.0 * np.pi * cycles
+    slope_y, slope_x = to_y @ phase, phase @ to_x
+    mean_y, mean_x = _box(slope_y, pitch), _box(slope_x, pitch)
+    first_y, first_x = to_y @ envelope, envelope @ to_x
+    bend_y = to_y @ first_y + 1j * (to_y @ slope_y) * envelope
+    bend_x = first_x @ to_x + 1j * (slope_x @ to_x) * envelope
+    twist = to_y @ first_x + 1j * (to_y @ slope_x) * envelope
+    total = envelope * mean_y[0] * mean_x[0]
+    total = total - 1j * (first_y * mean_y[1] * mean_x[0] + first_x * mean_y[0] * mean_x[1])
+    total -= twist * mean_y[1] * mean_x[1]
+    total -= 0.5 * (bend_y * mean_y[2] * mean_x[0] + bend_x * mean_y[0] * mean_x[2])
+    return np.asarray(total)
+
+
+def _box(k: Array, pitch: float) -> tuple[Array, Array, Array]:
+    """S(k), dS/dk and d²S/dk² of a box of width ``pitch``."""
+    z = 0.5 * pitch * k
+    small = np.abs(z) < 1e-2
+    safe = np.where(small, 1.0, z)
+    mean = np.where(small, 1.0 - z * z / 6.0 * (1.0 - z * z / 20.0), np.sin(safe) / safe)
+    slope = np.where(small, -z / 3.0 * (1.0 - z * z / 10.0), (np.cos(safe) - mean) / safe)
+    bend = np.where(small, -1.0 / 3.0 + z * z / 10.0, -mean - 2.0 * slope / safe)
+    return mean, 0.5 * pitch * slope, 0.25 * pitch * pitch * bend
+
+
+def _passes(zone: FringeField, beams: tuple[int, ...]) -> tuple[int, int]:
+    """How often the light passes each arm: for a pair the larger number, since only light that both have interferes."""
+    first, second = zone.arms[list(beams)].max(axis=0)
+    return int(first), int(second)
+
+
+def _group(sums: _Sums, passes: tuple[int, int], shape: tuple[int, ...]) -> _Group:
+    return sums.groups.setdefault(passes, _Group(np.zeros(shape)))
+
+
+def _layer_of(zone: FringeField, pair: FieldPair) -> int:
+    """Family whose image a pair's light carries: the nominal one if a beam is nominal, else the sharper of the two."""
+    one, other = int(zone.family[pair.m]), int(zone.family[pair.l])
+    if 0 in (one, other) or one == other:
+        return min(one, other)
+    size = {view.family: view.kernel.size for view in zone.views}
+    return min((one, other), key=lambda family: size[family])
+
+
+def _onto_itself(zone: FringeField, view: SceneView) -> bool:
+    """Whether a family images the scene where the nominal beams do, all over the zone and within SAME_IMAGE pixels."""
+    x0, x1, y0, y1 = zone.zone
+    corners = np.array([(x, y, 1.0) for x in (x0, x1) for y in (y0, y1)])
+    apart = np.abs(corners @ view.affine.T - corners[:, :2]).max() + view.misfit_m
+    return view.kernel.size == 1 and bool(apart < SAME_IMAGE * zone.pixel_m)
+
+
+def _to_pixels(zone: FringeField, groups: dict[tuple[int, int], _Group], y: Array, x: Array) -> Array:
+    """(C, R, K) pattern: all groups together where no arm is shaded, one by one where one is."""
+    rows, columns = zone.y_pixels, zone.x_pixels
+    shade = np.ones((2, len(rows)))
+    for shadow in zone.shadows:
+        shade[shadow.arm - 1] *= shadow.passed(rows)
+    dark = np.flatnonzero((shade < 1.0).any(axis=0))
+    whole = _Group(np.sum([g.base for g in groups.values()], axis=0))
+    for g in groups.values():
+        for h, part in g.harmonics.items():
+            whole.harmonics[h] = whole.harmonics.get(h, 0.0) + part
+    pattern = _rows(zone, whole, y, x, rows, columns)
+    if len(dark):
+        pattern[:, dark] = 0.0
+        for (one, two), g in groups.items():
+            factor = shade[0, dark] ** one * shade[1, dark] ** two
+            pattern[:, dark] += factor[:, None] * _rows(zone, g, y, x, rows[dark], columns)
+    return pattern
+
+
+def _rows(zone: FringeField, group: _Group, y: Array, x: Array, rows: Array, columns: Array) -> Array:
+    """(C, R, K) one group at given rows."""
+    to_y, to_x = chebyshev.interpolation_matrix(y, rows), chebyshev.interpolation_matrix(x, columns).T
+    out = to_y @ group.base @ to_x
+    if not group.harmonics:
+        return np.asarray(out)
+    at_y, at_x = zone.to(rows, columns)
+    phase = at_y @ (zone.sigma0 * at_sigma(zone.nominal, zone.sigma0)[1]) @ at_x
+    top = max(group.harmonics)
+    edges = np.linspace(0, len(rows), 4 * THREADS + 1).astype(int)
+    envelope = np.zeros((top, 2, len(rows), len(columns)))
+    with ThreadPoolExecutor(THREADS) as pool:
+        for c in range(len(out)):
+            for h, part in group.harmonics.items():
+                np.matmul(to_y @ part.real[c], to_x, out=envelope[h - 1, 0])
+                np.matmul(to_y @ part.imag[c], to_x, out=envelope[h - 1, 1])
+            list(pool.map(lambda k, c=c: add_fringes(phase, envelope, edges[k], edges[k + 1], out[c]),
+                          range(len(edges) - 1)))  # fmt: skip
+    return np.asarray(out)
