@@ -1,13 +1,14 @@
-"""A scene convolved with the blur of a beam: by nothing, boxes, two passes, the kernel itself or a Fourier transform.
+"""A scene seen through the blur of a beam: a kernel's value is the weight of the ground at that offset.
 
-Whichever is cheapest among those whose error bound stays within the tolerance. Every bound is on the largest error of the
-blurred map, for a map between ``low`` and ``high``:
+Done by nothing, boxes, two passes, the kernel itself or a Fourier transform: whichever is cheapest among those whose
+error bound keeps the tolerance. Every bound is on the largest error for a map between 0 and 1:
 
-* nothing: the part of the kernel outside its centre, times high − low;
-* box: a kernel constant on a rectangle, by running sums in float64; rounding only;
-* separable: the kernel's best product of a column and a row (from its singular values); the sum of |what is left| times the
-  largest |map| (a constant map keeps its value, since the product is scaled to the sum 1);
-* direct: rounding only; * Fourier: rounding, as eps·log2(size) times the root of kernel's and map's energy.
+* nothing: the part of the kernel outside its centre;
+* box: a kernel constant on a rectangle, by running sums in float64: the sum of |what is left|, and rounding;
+* separable: the best product of a column and a row (from the singular values): the sum of |what is left|. A uniform map
+  keeps its value, since the product is scaled to the sum 1;
+* direct: rounding;
+* Fourier: rounding, as eps·log2(size) times the root of the kernel's and the map's energy.
 
 Across track the map's edge goes on outside; along track too, or the map repeats.
 """
@@ -29,7 +30,7 @@ COST_BOX, COST_LINE, COST_TAP, COST_FOURIER = 8.0, 1.2, 1.6, 8.0
 
 @dataclass(frozen=True)
 class Blur:
-    """How a kernel is applied. method; error: bound for a map of unit range; cost: ns per sample; parts: its factors."""
+    """How a kernel is applied. error: bound for a map of unit range; cost: ns per sample; parts: its factors."""
 
     method: Method
     error: float
@@ -50,11 +51,13 @@ def choose(kernel: Array | None, tolerance: float, samples: int, single: bool = 
     return min(allowed or [_direct(kernel)], key=lambda option: option.cost)
 
 
-def convolve(maps: NDArray[np.floating], blur: Blur, kernel: Array | None, wrap: bool) -> NDArray[np.floating]:
-    """(…, H, W) maps convolved; along track (H) the map repeats if ``wrap``, else its edge goes on. dtype is kept."""
-    if blur.method == "nothing":
+def correlate(maps: NDArray[np.floating], blur: Blur, kernel: Array | None, wrap: bool) -> NDArray[np.floating]:
+    """out[p] = Σ_d kernel[d] map[p + d] for (…, H, W) maps, d from the kernel's middle; dtype is kept.
+
+    Along track (H) the map repeats if ``wrap``, else its edge goes on, as it does across track.
+    """
+    if blur.method == "nothing" or kernel is None:
         return maps
-    assert kernel is not None
     out = np.empty_like(maps)
     for index in np.ndindex(maps.shape[:-2]):
         out[index] = _one(maps[index], blur, kernel, "wrap" if wrap else "nearest")
@@ -70,7 +73,7 @@ def _one(image: NDArray[np.floating], blur: Blur, kernel: Array, mode: str) -> N
     if blur.method == "direct":  # ndimage pads one mode per call; the sides are padded here to have two of them
         rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
         padded = _padded(precise, rows, columns, mode)
-        full = ndimage.convolve(padded, kernel, mode="constant")
+        full = ndimage.correlate(padded, kernel, mode="constant")
         return full[rows : rows + image.shape[0], columns : columns + image.shape[1]]
     for axis, part in enumerate(blur.parts):
         how = mode if axis == 0 else "nearest"
@@ -78,7 +81,7 @@ def _one(image: NDArray[np.floating], blur: Blur, kernel: Array, mode: str) -> N
             size, shift = int(part[0]), int(part[1])
             precise = _running_mean(precise, size, shift, axis, how)
         else:
-            precise = ndimage.convolve1d(precise, part, axis=axis, mode=how)
+            precise = ndimage.correlate1d(precise, part, axis=axis, mode=how)
     return precise
 
 
@@ -112,8 +115,8 @@ def _by_fourier(image: NDArray[np.floating], kernel: Array, mode: str) -> NDArra
     height = wide.shape[0] if circular else fft.next_fast_len(wide.shape[0], real=True)
     shape = (height, fft.next_fast_len(wide.shape[1], real=True))
     spread = np.zeros(shape, dtype=image.dtype)
-    at_row = (np.arange(kernel.shape[0]) - rows) % shape[0]
-    at_column = (np.arange(kernel.shape[1]) - columns) % shape[1]
+    at_row = (rows - np.arange(kernel.shape[0])) % shape[0]
+    at_column = (columns - np.arange(kernel.shape[1])) % shape[1]
     # a kernel taller than a repeating map folds onto itself
     np.add.at(spread, (at_row[:, None], at_column[None, :]), kernel.astype(image.dtype))
     spectrum = fft.rfft2(wide, shape)
@@ -134,9 +137,9 @@ def _box(kernel: Array) -> Blur | None:
     rows, columns = np.flatnonzero(filled.any(axis=1)), np.flatnonzero(filled.any(axis=0))
     inside = kernel[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     left = float(np.abs(inside - inside.mean()).sum())
-    # out[i] = Σ_k kernel[k] map[i − (k − centre)]: the window starts at i − (last − centre)
+    # the window starts at the first filled offset
     parts = tuple(
-        np.array([len(span), span[-1] - size // 2], dtype=np.float64)
+        np.array([len(span), size // 2 - span[0]], dtype=np.float64)
         for span, size in ((rows, kernel.shape[0]), (columns, kernel.shape[1]))
     )
     return Blur("box", left + 1e-12, 2.0 * COST_BOX, parts)

@@ -1,10 +1,10 @@
 """Compiled loops of the frames: patterns times scene images, smooth ghost layers, and what is summed along the scroll.
 
-A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, index[j], x] + Σ_h harmonic_h[j, x] · field_h(j, x). The first sum
-holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a row. The
+A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, index[j], x] + Σ_h harmonic_h[j, x] · field_h(j, x). The first
+sum holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a row. The
 second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every ``pitch``
-pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation: along x
-once per coarse row, along y inside the loop over pixels.
+pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation:
+along x once per coarse row, along y inside the loop over pixels.
 
 All arrays of one call share one floating type, so that nothing is converted on the way. Loops over pixels are functions
 of their own on contiguous rows: that is what lets the compiler vectorise them. No sum is reordered, and every row is
@@ -220,7 +220,7 @@ def _add(out, part):
 
 @njit(**_JIT)
 def carrier_tiles(cosine, sine, pitch, tiles):
-    """cos θ and sin θ (R, X) in the order in which ``frame_rows`` reads them: tiles (cells, blocks, pitch/4, 8·BLOCK)."""
+    """cos θ and sin θ (R, X) in the order ``frame_rows`` reads them: tiles (cells, blocks, pitch/4, 8·BLOCK)."""
     rows, columns = cosine.shape
     for cell in range(tiles.shape[0]):
         for block in range(tiles.shape[1]):
@@ -293,3 +293,28 @@ def frame_rows(
                     _tile5(tile, tiles[cell, block, part], f, w[4 * part :])
                 for r in range(min(4, high - low - 4 * part)):
                     _add(out[low + 4 * part + r, x:end], tile[r * BLOCK :])
+
+
+@njit(**_JIT)
+def _gather_row(total, frame, c, s, u):
+    """One row's share in the six right-hand sides of the fit: total (6, X)."""
+    for x in range(frame.shape[0]):
+        d = frame[x]
+        dc, ds = d * c[x], d * s[x]
+        total[0, x] += d
+        total[1, x] += d * u
+        total[2, x] += dc
+        total[3, x] += ds
+        total[4, x] += dc * c[x] - ds * s[x]
+        total[5, x] += dc * s[x] + dc * s[x]
+
+
+@njit(**_JIT)
+def gather_rows(ring, slot, frame, row, cosine, sine, u):
+    """Right-hand sides of the fringe fit: rows of a frame into the ground rows they see.
+
+    ring (N, 6, X) of open ground rows; slot (J,): which of them each row goes to; row (J,): rows of the frame;
+    cosine, sine (J, X), u (J,): the model on them.
+    """
+    for k in range(row.shape[0]):
+        _gather_row(ring[slot[k]], frame[row[k]], cosine[k], sine[k], u[k])
