@@ -40,13 +40,17 @@ IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 @dataclass(frozen=True)
 class Sharp:
-    """pattern (C, R, X); image (C, H, X), columns resampled; row (R,): rows of the image at scroll 0; taps 2 or 4."""
+    """pattern (C, R, X); image (C, H, X), columns resampled; row (R,): rows of the image at scroll 0; taps 2 or 4.
+
+    margin : rows of the image before the scene's first; strict : to look beyond the scene is an error
+    """
 
     name: str
     pattern: Real
     image: Real
     row: Array
     taps: int
+    margin: int
     strict: bool
 
 
@@ -65,14 +69,15 @@ class Warped:
 @dataclass(frozen=True)
 class Smooth:
     """All smooth layers on one grid: see ``kernels.frames.frame_rows``. row (E, N): coarse rows at scroll 0; step:
-    rows of the scene per coarse row."""
+    rows of the scene per coarse row; size: coarse rows of each layer, both (E, 1)."""
 
     grid: smooth.Grid
     tiles: Real
     envelope: Real
     coarse: Real
     row: Array
-    step: float
+    step: Array
+    size: Index
 
 
 @dataclass(frozen=True)
@@ -158,15 +163,15 @@ class Beams:
     def _rows_of(self, term: Sharp, shift: float) -> tuple[Index, Real]:
         """(R, T) rows of the image and their weights in a frame."""
         place = term.row + shift
-        nearest = np.rint(place)
+        nearest, size = np.rint(place), term.image.shape[1]
         whole = bool(np.abs(place - nearest).max() < WHOLE)
         if term.strict and not self.wrap:
-            self._inside(place)
+            self._inside(place - term.margin)
         if whole:
             index = nearest.astype(np.int64)
-            index = index % self.height if self.wrap else np.clip(index, 0, self.height - 1)
+            index = index % size if self.wrap else np.clip(index, 0, size - 1)
             return index[:, None], np.ones((len(place), 1), self.dtype)
-        index, weight = smooth.taps(place, self.height, self.wrap, term.taps)
+        index, weight = smooth.taps(place, size, self.wrap, term.taps)
         return index, weight.astype(self.dtype)
 
     def _inside(self, place: Array) -> None:
@@ -177,7 +182,7 @@ class Beams:
                              "give a longer scene, fewer frames, or let it repeat along track (tile)")  # fmt: skip
 
     def _coarse_rows(self, s: Smooth, shift: float) -> tuple[Index, Real]:
-        index, weight = smooth.taps(s.row + shift / s.step, s.coarse.shape[1], self.wrap)
+        index, weight = smooth.taps(s.row + shift / s.step, s.size, self.wrap)
         return index, weight.astype(self.dtype)
 
 
@@ -212,26 +217,32 @@ def prepare(
     warped: list[Warped] = []
     plans: list[LayerPlan] = []
     candidates: list[tuple[str, str, dict[int, _Candidate]]] = []
-    envelopes = smooth.Envelopes(zone) if any(_blurred(layer) for layer in layers) else None
+    envelopes = (
+        smooth.Envelopes(zone)
+        if any(layer.view is not None and layer.view.kernel.size > 1 for layer in layers)
+        else None
+    )
     for number, layer in enumerate(layers):
         affine = IDENTITY if layer.view is None else layer.view.affine
         kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
         weight = float(np.abs(layer.pattern).max()) or 1.0
         allowed = share / (2.0 * weight * scale)
         how = blur.choose(kernel, allowed, maps.shape[1] * maps.shape[2], precision == "float32")
-        seen = blur.correlate(maps, how, kernel, tile)
-        blurred = how.method != "nothing"
+        blurred = kernel is not None and how.method != "nothing"
+        seen, margin = _blurred(maps, how, kernel, tile) if blurred and kernel is not None else (maps, (0, 0))
         if number and blurred and envelopes is not None and _keeps_rows(affine, zone, seen, share / weight):
-            found = _smooth_candidates(layer, seen, affine, zone, envelopes, share / 2.0, tile, dtype)
+            found = _smooth_candidates(layer, seen, margin, zone, envelopes, share / 2.0, tile, dtype)
             if found:
                 candidates.append((layer.name, how.method, found))
                 continue
         count = 4 if blurred or interpolation == "cubic" else 2
         pattern = np.ascontiguousarray(layer.pattern, dtype=dtype)
-        column, row = _places(affine, zone)
-        error = weight * scale * how.error + weight * _reading(seen, count, affine, zone)
+        column, row = _places(affine, zone, margin)
+        error = weight * scale * how.error + weight * _reading(seen, count)
         if _keeps_rows(affine, zone, seen, share / weight):
-            sharp.append(Sharp(layer.name, pattern, _columns(seen, column[0], count), row[:, 0], count, number == 0))
+            sharp.append(
+                Sharp(layer.name, pattern, _columns(seen, column[0], count), row[:, 0], count, margin[0], number == 0)
+            )
             plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error))
         else:
             warped.append(Warped(layer.name, pattern, seen, column, row, count))
@@ -257,17 +268,23 @@ class _Candidate:
     error: float
 
 
-def _blurred(layer: Layer) -> bool:
-    return layer.view is not None and layer.view.kernel.size > 1
+def _blurred(maps: Real, how: blur.Blur, kernel: Array, tile: bool) -> tuple[Real, tuple[int, int]]:
+    """The blurred scene, as far beyond its edges as the blur reaches (the edge goes on), and by how many samples."""
+    margin = (0 if tile else kernel.shape[0] // 2, kernel.shape[1] // 2)
+    wide = np.pad(maps, ((0, 0), (margin[0], margin[0]), (margin[1], margin[1])), mode="edge")
+    return blur.correlate(wide, how, kernel, tile), margin
 
 
-def _places(affine: Array, zone: Zone, rows: Array | None = None, columns: Array | None = None) -> tuple[Array, Array]:
+def _places(
+    affine: Array, zone: Zone, margin: tuple[int, int], rows: Array | None = None, columns: Array | None = None
+) -> tuple[Array, Array]:
     """Column and row of the scene, in samples, under detector points (default: the zone's pixels), at scroll 0."""
     x = zone.x_m if columns is None else zone.x_m[0] + columns * zone.pitch
     y = zone.y_m if rows is None else zone.y_m[0] + rows * zone.pitch
     big_x = affine[0, 0] * x[None, :] + affine[0, 1] * y[:, None] + affine[0, 2]
     big_y = affine[1, 0] * x[None, :] + affine[1, 1] * y[:, None] + affine[1, 2]
-    return zone.column + (big_x - zone.x_m[0]) / zone.pitch, zone.row + (big_y - zone.y_m[0]) / zone.pitch
+    column, row = zone.column + (big_x - zone.x_m[0]) / zone.pitch, zone.row + (big_y - zone.y_m[0]) / zone.pitch
+    return column + margin[1], row + margin[0]
 
 
 def _keeps_rows(affine: Array, zone: Zone, seen: Real, tolerance: float) -> bool:
@@ -291,16 +308,16 @@ def _columns(seen: Real, column: Array, count: int) -> Real:
     return smooth.resampled(seen, column, 2, False, count)
 
 
-def _reading(seen: Real, count: int, affine: Array, zone: Zone) -> float:
-    """Error of reading a map between samples, in its own units: 0 for cells (two taps); else from fourth differences."""
+def _reading(seen: Real, count: int) -> float:
+    """Error of reading a map between samples, in its units: 0 for cells (two taps); else from fourth differences."""
     if count == 2:
         return 0.0
     return sum(float(np.abs(np.diff(seen, n=4, axis=axis)).max()) for axis in (1, 2)) / 24.0
 
 
 def _smooth_candidates(
-    layer: Layer, seen: Real, affine: Array, zone: Zone, envelopes: smooth.Envelopes, tolerance: float, tile: bool,
-    dtype: type,
+    layer: Layer, seen: Real, margin: tuple[int, int], zone: Zone, envelopes: smooth.Envelopes, tolerance: float,
+    tile: bool, dtype: type,
 ) -> dict[int, _Candidate]:  # fmt: skip
     """The layer on every grid that keeps the tolerance, coarsest first; empty if none does."""
     scale = float(np.abs(seen).max()) or 1.0
@@ -316,20 +333,21 @@ def _smooth_candidates(
         height = seen.shape[1]
         count = max(-(-height // pitch), 4)
         step = height / count if tile else (height - 1) / (count - 1)
-        column, row = _places(affine, zone, pitch * np.arange(where.nodes[0], dtype=np.float64),
+        assert layer.view is not None
+        column, row = _places(layer.view.affine, zone, margin, pitch * np.arange(where.nodes[0], dtype=np.float64),
                               pitch * np.arange(where.nodes[1], dtype=np.float64))  # fmt: skip
         along = smooth.resampled(seen, np.arange(count) * step, 1, tile)
         coarse = np.ascontiguousarray(smooth.resampled(along, column[0], 2, False))
         candidate = _Candidate(envelope, coarse, row[:, 0] / step, step, 0.0)
-        error = _measured(layer, candidate, seen, affine, zone, where, tile, dtype)
+        error = _measured(layer, candidate, seen, margin, zone, where, tile, dtype)
         if error <= tolerance:
             found[pitch] = _Candidate(envelope, coarse, row[:, 0] / step, step, error)
     return found
 
 
 def _measured(
-    layer: Layer, candidate: _Candidate, seen: Real, affine: Array, zone: Zone, where: smooth.Grid, tile: bool,
-    dtype: type,
+    layer: Layer, candidate: _Candidate, seen: Real, margin: tuple[int, int], zone: Zone, where: smooth.Grid,
+    tile: bool, dtype: type,
 ) -> float:  # fmt: skip
     """Largest difference from pattern × image: under uniform light everywhere, and with the scene at CHECKED pixels."""
     alone = _alone(candidate, zone, where, tile, seen.shape[1], dtype)
@@ -339,7 +357,8 @@ def _measured(
     worst = float(np.abs(uniform - layer.pattern.sum(axis=0)).max()) * scale
     rng = np.random.default_rng(1)
     j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
-    column, row = _places(affine, zone)
+    assert layer.view is not None
+    column, row = _places(layer.view.affine, zone, margin)
     for shift in (0.0, 0.37 * where.pitch, 0.43 * seen.shape[1]):
         image = np.zeros((len(seen), CHECKED))
         at_y, weight_y = smooth.taps(row[j, i] + shift, seen.shape[1], tile)
@@ -355,7 +374,7 @@ def _measured(
 def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, height: int, dtype: type) -> Beams:
     """Frames of nothing but one smooth layer."""
     nothing: Real = np.zeros((1, *zone.shape), dtype)
-    dark = Sharp("nothing", nothing, np.zeros((1, height, zone.shape[1]), dtype), np.zeros(zone.shape[0]), 2, False)
+    dark = Sharp("nothing", nothing, np.zeros((1, height, zone.shape[1]), dtype), np.zeros(zone.shape[0]), 2, 0, False)
     part = _gather([candidate], zone, where, dtype)
     return Beams(zone, dtype, tile, height, (dark,), (), part, (), 0.0)
 
@@ -374,10 +393,14 @@ def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: 
                       8 * kernels.BLOCK if zone.phase is not None else 1), dtype)  # fmt: skip
     if zone.phase is not None:
         kernels.carrier_tiles(np.cos(zone.phase), np.sin(zone.phase), where.pitch, tiles)
+    size = np.repeat([part.coarse.shape[1] for part in parts], modes)
+    coarse: Real = np.zeros((len(size), int(size.max()), where.nodes[1]), dtype)
+    for number, image in enumerate(image for part in parts for image in part.coarse):
+        coarse[number, : len(image)] = image
     return Smooth(
-        where, tiles, np.concatenate([part.envelope for part in parts]),
-        np.concatenate([part.coarse for part in parts]),
-        np.repeat([part.row for part in parts], modes, axis=0), parts[0].step,
+        where, tiles, np.concatenate([part.envelope for part in parts]), coarse,
+        np.repeat([part.row for part in parts], modes, axis=0),
+        np.repeat([part.step for part in parts], modes)[:, None], size[:, None],
     )  # fmt: skip
 
 

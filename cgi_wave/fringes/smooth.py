@@ -3,8 +3,8 @@
 The pattern of such a layer is a few smooth envelopes times 1, cos θ, sin θ, cos 2θ, sin 2θ, θ the nominal phase: the
 light passes a sloped arm at most twice more than its partner. Envelopes are polynomials over the zone, fitted
 here to the pattern; the image is the blurred scene on nodes every ``pitch`` pixels. Envelope times image is brought to
-the pixels by cubic interpolation, for all ghosts at once. What all this misses is measured on the frames themselves: under
-uniform light on every pixel, and with the scene on a sample of them. A layer that misses the tolerance at every pitch
+the pixels by cubic interpolation, for all ghosts at once. What all this misses is measured on the frames themselves:
+under uniform light on every pixel, and with the scene on a sample of them. A layer that misses the tolerance at every pitch
 is not smooth, and goes the long way (``beams_on_scene``).
 """
 
@@ -60,7 +60,7 @@ def gaps(base: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def lagrange(t: Array) -> Array:
-    """(4, …) weights of samples at −1, 0, 1, 2 for the place t; error at most |f''''|·3/128 in [0, 1], |f''''|/24 beside it."""
+    """(4, …) weights of samples at −1, 0, 1, 2 for the place t; error ≤ 3/128·|f''''| in [0, 1], |f''''|/24 beside it."""
     return np.array(
         [
             -t * (t - 1.0) * (t - 2.0) / 6.0,
@@ -71,20 +71,21 @@ def lagrange(t: Array) -> Array:
     )
 
 
-def taps(position: Array, size: int, wrap: bool, count: int = 4) -> tuple[NDArray[np.int64], Array]:
+def taps(position: Array, size: int | NDArray[np.int64], wrap: bool, count: int = 4) -> tuple[NDArray[np.int64], Array]:
     """(…, count) samples and weights that make up a line of ``size`` samples at ``position``: 4 cubic, 2 linear.
 
-    The line repeats if ``wrap``; else its ends go on.
+    ``size`` may be an array that broadcasts against ``position``. The line repeats if ``wrap``; else its ends go on.
     """
+    size = np.asarray(size)
     if not wrap:
         position = np.clip(position, 0.0, size - 1.0)
     start = np.floor(position)
-    if count == 4 and not wrap and size >= 4:  # at the ends four samples on one side: a repeated one would make a kink
+    if count == 4 and not wrap and size.min() >= 4:  # at the ends four samples on one side: repeating one makes a kink
         start = np.clip(start, 1.0, size - 3.0)
     t = position - start
     weight = np.moveaxis(lagrange(t), 0, -1) if count == 4 else np.stack([1.0 - t, t], axis=-1)
     index = start[..., None].astype(np.int64) + np.arange(count) - (count // 2 - 1)
-    return (index % size if wrap else np.clip(index, 0, size - 1)), weight
+    return (index % size[..., None] if wrap else np.clip(index, 0, size[..., None] - 1)), weight
 
 
 def resampled(values: Real, position: Array, axis: int, wrap: bool, count: int = 4) -> Real:
