@@ -4,8 +4,8 @@ The pattern of such a layer is a few smooth envelopes times 1, cos θ, sin θ, c
 light passes a sloped arm at most twice more than its partner. Envelopes are polynomials over the zone, fitted
 here to the pattern; the image is the blurred scene on nodes every ``pitch`` pixels. Envelope times image is brought to
 the pixels by cubic interpolation, for all ghosts at once. What all this misses is measured on the frames themselves:
-under uniform light on every pixel, and with the scene on a sample of them. A layer that misses the tolerance at every pitch
-is not smooth, and goes the long way (``beams_on_scene``).
+under uniform light on every pixel, and with the scene on a sample of them. A layer that misses the tolerance at every
+pitch is not smooth, and goes the long way (``beams_on_scene``).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def gaps(base: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def lagrange(t: Array) -> Array:
-    """(4, …) weights of samples at −1, 0, 1, 2 for the place t; error ≤ 3/128·|f''''| in [0, 1], |f''''|/24 beside it."""
+    """(4, …) weights of samples at −1, 0, 1, 2 for the place t; error ≤ 3/128·f'''' in [0, 1], f''''/24 beside it."""
     return np.array(
         [
             -t * (t - 1.0) * (t - 2.0) / 6.0,

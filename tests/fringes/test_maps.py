@@ -46,7 +46,7 @@ def test_ghost_of_known_power_and_its_statistics():
 
 
 def test_dark_ground_beside_bright_loses_most():
-    """A blurred ghost carries bright ground's light onto dark ground: its closed form, and error falling with contrast."""
+    """A blurred ghost carries bright ground's light onto dark ground: closed form, and error falling with contrast."""
     z = zone(60, 40, period=PERIOD)
     image = np.full((1, 200, 40), 0.2)
     image[:, :, 20:] = 1.0
