@@ -152,7 +152,7 @@ class Beams:
         s = self.smooth
         assert s is not None
         if part not in self._space:
-            size = s.grid.nodes[0] * s.envelope.shape[1] * kernels.BLOCK
+            size = 4 * s.envelope.shape[1] * kernels.BLOCK
             self._space[part] = np.zeros((-(-out.shape[1] // kernels.BLOCK), size), self.dtype)
         g = s.grid
         kernels.frame_rows(

@@ -234,28 +234,22 @@ def carrier_tiles(cosine, sine, pitch, tiles):
 
 
 @njit(**_JIT)
-def smooth_nodes(field, envelope, coarse, row, row_weight, table, base, shift, columns, start, stop):
-    """Rows start…stop − 1 of nodes: all smooth layers multiplied with their images, added up, and spread along x.
-
-    field (blocks, N·M·BLOCK), written; the rest as in ``frame_rows``.
-    """
-    kinds, count = envelope.shape[1], envelope.shape[3]
-    line, node = np.empty(count, field.dtype), np.empty((kinds, count), field.dtype)
-    pixels = np.empty(columns, field.dtype)
-    for i in range(start, stop):
-        node[:, :] = 0.0
-        for e in range(envelope.shape[0]):
-            at = row[e, i]
-            _weighted(line, coarse[e, at[0]], coarse[e, at[1]], coarse[e, at[2]], coarse[e, at[3]], row_weight[e, i])
-            for h in range(kinds):
-                _times(node[h], envelope[e, h, i], line)
+def _node_row(field, envelope, coarse, row, row_weight, table, base, shift, i, line, node, pixels):
+    """Row i of nodes into its place in ``field``: all smooth layers times their images, added up, spread along x."""
+    kinds = envelope.shape[1]
+    node[:, :] = 0.0
+    for e in range(envelope.shape[0]):
+        at = row[e, i]
+        _weighted(line, coarse[e, at[0]], coarse[e, at[1]], coarse[e, at[2]], coarse[e, at[3]], row_weight[e, i])
         for h in range(kinds):
-            _spread(pixels, node[h], table, base, shift)
-            for block in range(field.shape[0]):
-                x = block * BLOCK
-                size = min(BLOCK, columns - x)
-                at_pixel = (i * kinds + h) * BLOCK
-                field[block, at_pixel : at_pixel + size] = pixels[x : x + size]
+            _times(node[h], envelope[e, h, i], line)
+    for h in range(kinds):
+        _spread(pixels, node[h], table, base, shift)
+        to = ((i % 4) * kinds + h) * BLOCK
+        for block in range(field.shape[0]):
+            x = block * BLOCK
+            size = min(BLOCK, pixels.shape[0] - x)
+            field[block, to : to + size] = pixels[x : x + size]
 
 
 @njit(**_JIT)
@@ -271,26 +265,32 @@ def frame_rows(
     row, row_weight (E, N, 4): which coarse rows make up each row of nodes in this frame
     table (3, 4, pitch): Lagrange weights at the pixels after the first, second, third of four nodes
     base, shift (cells,): first of the four nodes of each cell of pixels, and in which of their three gaps it lies
-    field (blocks, N·M·BLOCK): work space of this call alone
+    field (blocks, 4·M·BLOCK): work space of this call alone: the four rows of nodes in use, row i in place i mod 4, so
+    that they stay in the second-level cache
     """
     pitch, kinds, columns = table.shape[2], envelope.shape[1], out.shape[1]
-    smooth_nodes(field, envelope, coarse, row, row_weight, table, base_x, shift_x, columns,
-                 base_y[first // pitch], base_y[(last - 1) // pitch] + 4)  # fmt: skip
-    by_pixel = np.ascontiguousarray(table.transpose((0, 2, 1)))
-    tile = np.empty(4 * BLOCK, out.dtype)
+    line, node = np.empty(envelope.shape[3], out.dtype), np.empty((kinds, envelope.shape[3]), out.dtype)
+    pixels, tile = np.empty(columns, out.dtype), np.empty(4 * BLOCK, out.dtype)
+    turned = np.empty((pitch, 4), out.dtype)
+    done = base_y[first // pitch]
     for cell in range(first // pitch, (last - 1) // pitch + 1):
         low, high = cell * pitch, min(last, (cell + 1) * pitch)
+        b = base_y[cell]
+        for i in range(done, b + 4):
+            _node_row(field, envelope, coarse, row, row_weight, table, base_x, shift_x, i, line, node, pixels)
+        done = b + 4
+        for t in range(4):
+            for p in range(pitch):
+                turned[p, (b + t) % 4] = table[shift_y[cell], t, p]
         for j in range(low, high):
             _sharp_row(out[j], pattern, image, index, weight, j, False)
-        w = by_pixel[shift_y[cell]]
         for block in range(field.shape[0]):
             x, end = block * BLOCK, min((block + 1) * BLOCK, columns)
-            f = field[block, base_y[cell] * kinds * BLOCK :]
             for part in range(pitch // 4):
                 if kinds == 1:
-                    _tile1(tile, f, w[4 * part :])
+                    _tile1(tile, field[block], turned[4 * part :])
                 else:
-                    _tile5(tile, tiles[cell, block, part], f, w[4 * part :])
+                    _tile5(tile, tiles[cell, block, part], field[block], turned[4 * part :])
                 for r in range(min(4, high - low - 4 * part)):
                     _add(out[low + 4 * part + r, x:end], tile[r * BLOCK :])
 

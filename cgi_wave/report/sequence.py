@@ -22,8 +22,8 @@ def written(
 ) -> Iterator[Real]:
     """Write frames to a NetCDF file as they pass, and hand them on; ``target`` appears when the last one has passed.
 
-    Variable ``irradiance`` (frame, y, x), float32, relative; coordinates x and y in m and ``scroll`` (frame) in rows. A frame
-    is one chunk: nothing of the sequence is held. Whoever stops taking frames before the end leaves no file.
+    Variable ``irradiance`` (frame, y, x), float32, relative; coordinates x and y in m, ``scroll`` (frame) in rows. A
+    frame is one chunk: nothing of the sequence is held. Whoever stops taking frames before the end leaves no file.
 
     Raises InputError when the file cannot be written.
     """
