@@ -253,6 +253,21 @@ def _node_row(field, envelope, coarse, row, row_weight, table, base, shift, i, l
 
 
 @njit(**_JIT)
+def _cell(out, tiles, field, turned, tile):
+    """A cell's rows of out (≤ pitch, X), added to: tiles (blocks, pitch/4, 8·BLOCK), turned (pitch, 4)."""
+    kinds, columns = field.shape[1] // (4 * BLOCK), out.shape[1]
+    for block in range(field.shape[0]):
+        x, end = block * BLOCK, min((block + 1) * BLOCK, columns)
+        for part in range(turned.shape[0] // 4):
+            if kinds == 1:
+                _tile1(tile, field[block], turned[4 * part :])
+            else:
+                _tile5(tile, tiles[block, part], field[block], turned[4 * part :])
+            for r in range(min(4, out.shape[0] - 4 * part)):
+                _add(out[4 * part + r, x:end], tile[r * BLOCK :])
+
+
+@njit(**_JIT)
 def frame_rows(
     out, pattern, image, index, weight, tiles, envelope, coarse, row, row_weight, table, base_x, shift_x, base_y,
     shift_y, field, first, last,
@@ -284,15 +299,7 @@ def frame_rows(
                 turned[p, (b + t) % 4] = table[shift_y[cell], t, p]
         for j in range(low, high):
             _sharp_row(out[j], pattern, image, index, weight, j, False)
-        for block in range(field.shape[0]):
-            x, end = block * BLOCK, min((block + 1) * BLOCK, columns)
-            for part in range(pitch // 4):
-                if kinds == 1:
-                    _tile1(tile, field[block], turned[4 * part :])
-                else:
-                    _tile5(tile, tiles[cell, block, part], field[block], turned[4 * part :])
-                for r in range(min(4, high - low - 4 * part)):
-                    _add(out[low + 4 * part + r, x:end], tile[r * BLOCK :])
+        _cell(out[low:high], tiles[cell], field, turned, tile)
 
 
 @njit(**_JIT)
