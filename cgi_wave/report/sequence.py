@@ -67,7 +67,8 @@ def write_maps(
             _variable(file, "nma_bias", grid, errors.error, "1", "1 - NMA with ghosts / NMA without")
             variable = file.variables["nma_bias"]
             variable.attrs.update({"mean": errors.mean, "spread": errors.spread, "percentile_2_5": errors.low,
-                                   "percentile_97_5": errors.high, "percentile_95_of_size": errors.largest})  # fmt: skip
+                                   "percentile_97_5": errors.high,
+                                   "percentile_95_of_size": errors.largest})  # fmt: skip
 
 
 def _axes(file: Any, axes: Mapping[str, NDArray[np.float64] | None], sizes: Mapping[str, int]) -> None:
@@ -76,8 +77,12 @@ def _axes(file: Any, axes: Mapping[str, NDArray[np.float64] | None], sizes: Mapp
         file.dimensions[name] = sizes[name] if values is None else len(values)
         counted = np.arange(sizes[name], dtype=np.float64) if values is None else values
         unit = "m" if name in ("x", "y") else "1"
-        words = {"x": "across track on the detector", "y": "along track on the detector", "frame": "number of the frame",
-                 "ground": "row of the scene"}[name]  # fmt: skip
+        words = {
+            "x": "across track on the detector",
+            "y": "along track on the detector",
+            "frame": "number of the frame",
+            "ground": "row of the scene",
+        }[name]
         _variable(file, name, (name,), counted, unit, words)
 
 
