@@ -16,6 +16,7 @@ DEFAULT_TOLERANCE = 1e-3
 _HOME = {
     # the instrument
     "load_instrument": "optics.system",
+    "import_lens": "lensfile.load",
     # paths, rays, spots
     "find_paths": "rays.paths",
     "parse_path": "rays.paths",
@@ -50,6 +51,11 @@ _HOME = {
     "point_source": "budget.pointsource",
     "select_ghosts": "budget.select",
     "table1": "budget.table1",
+    # what ghosts cost whom, and what would help
+    "attribute": "budget.attribution",
+    "cost_table": "budget.cost_table",
+    "interferogram_terms": "fringes.psi",
+    "rank_remedies": "ranking",
     # the main job
     "analyse": "analysis",
     "analyse_band": "analysis",

@@ -13,17 +13,19 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from cgi_wave import DEFAULT_TOLERANCE
+from cgi_wave.budget.attribution import FieldCosts, attribute
+from cgi_wave.budget.cost_table import cost_table
 from cgi_wave.budget.fieldpoint import FieldPoint, field_point, trace_beams
 from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
 from cgi_wave.budget.pointsource import PointSource, point_source
-from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, select_ghosts
+from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, Untraced, select_ghosts, untraced
 from cgi_wave.budget.setting import Setting, band_setting
 from cgi_wave.budget.table1 import table1
 from cgi_wave.fringes.coherency import Coherency
 from cgi_wave.fringes.nma import Retrieval, retrieve
-from cgi_wave.fringes.psi import Psi, synthesise
+from cgi_wave.fringes.psi import Psi, interferogram_terms
 from cgi_wave.optics.system import Instrument, OpticalSystem, from_document, load_instrument
 from cgi_wave.rays.paths import Path, find_paths
 
@@ -46,6 +48,7 @@ class FieldResult:
     source: PointSource
     psi: Psi
     retrieval: Retrieval
+    costs: FieldCosts
     spots: Sequence[Mapping[str, Any]]
     psfs: Sequence[Mapping[str, Any]]
 
@@ -57,13 +60,15 @@ class FieldResult:
 
 @dataclass(frozen=True)
 class BandResult:
-    """One band: its field points, Table 1's column, the ghost table (rows as in the command ``ghosts``), the plan."""
+    """One band: its field points, Table 1's column, the ghost table (rows as in the command ``ghosts``), the plan, and
+    what each surface costs (``budget.cost_table.cost_table``)."""
 
     name: str
     fields: tuple[FieldResult, ...]
     table1: dict[str, Any]
     ghosts: list[dict[str, Any]]
     plan: str
+    costs: dict[str, Any]
 
     @property
     def ghost_count(self) -> int:
@@ -149,7 +154,8 @@ def analyse_bands(
                 progress(f"{name}: field point {len(fields)} of {len(futures)}: {pairs} pairs of beams")
             rows = ghost_rows(systems[name], [(field.point, field.source) for field in fields])
             column = table1(name, [field.retrieval for field in fields], families=families(rows))
-            results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60))
+            costs = cost_table(systems[name], [field.costs for field in fields])
+            results[name] = BandResult(name, tuple(fields), column, rows, fields[0].point.plan.table(60), costs)
     return results
 
 
@@ -158,7 +164,8 @@ def prepare_band(raw: dict[str, Any], file: str, name: str, tolerance: float, cr
     here = setting_of(raw, file, name)
     found = find_paths(here.system)
     paths = select_ghosts(here, found)
-    return Task(raw, file, name, paths, tolerance, cross_family), len(found)
+    unseen = untraced(here, found, paths)
+    return Task(raw, file, name, paths, tolerance, cross_family, unseen), len(found)
 
 
 def plan_band(
@@ -199,7 +206,8 @@ def plan_band(
 
 @dataclass(frozen=True)
 class Task:
-    """What a process needs to analyse a field point: the instrument's plain data, the band, its paths, the options."""
+    """What a process needs to analyse a field point: the instrument's plain data, the band, its paths, the options, and
+    the ghosts that were found and are not traced."""
 
     raw: dict[str, Any]
     file: str
@@ -207,6 +215,7 @@ class Task:
     paths: tuple[Path, ...]
     tolerance: float
     cross_family: bool
+    untraced: Untraced | None = None
 
 
 _settings: dict[tuple[str, str, str], Setting] = {}
@@ -233,9 +242,11 @@ def analyse_field(task: Task, index: int) -> FieldResult:
         point = field_point(here, task.paths, x0, task.tolerance, task.cross_family)
         orders = 2 if index in CONTRAST_FIELDS else 0
         source = point_source(system, task.paths, point.theta, x0, orders)
-        psi = synthesise(point.coherency, here.spectrum.sigma, here.weight, zone_rows(system, x0), system.pixel)
+        rows = zone_rows(system, x0)
+        terms = interferogram_terms(point.coherency, here.spectrum.sigma, here.weight, rows, system.pixel)
+        psi, costs = terms.psi(), attribute(point, terms, task.untraced, source)
         pictures = (spot_pictures(source), psf_pictures(system, source)) if index == 0 else ((), ())
-    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), *pictures)
+    return FieldResult(index, float(x0[0]), float(x0[1]), point, source, psi, retrieve(psi), costs, *pictures)
 
 
 def zone_rows(system: OpticalSystem, x0: NDArray[np.float64]) -> NDArray[np.float64]:

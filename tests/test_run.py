@@ -18,7 +18,7 @@ from cgi_wave.optics.system import REFERENCE
 
 ROWS = ("offset_over_baseline", "parasitic_over_modulation", "nma_error")
 PICTURES = {"layout.png", *(f"NIR-{kind}.png" for kind in ("psi", "contrast", "spots", "psfs"))}
-TABLES = {f"NIR-ghosts{suffix}" for suffix in (".csv", ".nc", ".mat")}
+TABLES = {f"NIR-ghosts{suffix}" for suffix in (".csv", ".nc", ".mat")} | {"NIR-surfaces.csv", "NIR-families.csv"}
 
 
 def a_few(system, paths, *_):
@@ -87,6 +87,16 @@ def test_folder_holds_every_file_and_the_page_names_them(run):
     assert all((run.folder / name).read_bytes().startswith(b"\x89PNG") for name in PICTURES)
     psi = json.loads((run.folder / "NIR-psi.json").read_text(encoding="utf-8"))
     assert [len(field["opd_m"]) == len(field["with_stray_light"]) for field in psi["fields"]] == [True] * 5
+
+
+def test_what_surfaces_cost_adds_up_to_table_1(run):
+    with (run.folder / "NIR-surfaces.csv").open(encoding="utf-8", newline="") as file:
+        assert file.readline().startswith("# provenance: {")
+        rows = list(csv.DictReader(file))
+    assert {"detector", "plate1_back"} <= {row["name"] for row in rows}
+    band = json.loads(run.out)["bands"]["NIR"]
+    for column, row in (("share_offset", "offset_over_baseline"), ("share_nma", "nma_error")):
+        assert sum(float(line[column]) for line in rows) == pytest.approx(band[row]["mean"], rel=1e-9)
 
 
 def test_ghosts_of_both_orders_have_contrasts_bounds_and_eq4(ghosts):

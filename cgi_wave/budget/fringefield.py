@@ -165,7 +165,7 @@ def assemble(
             k = labels.index(label)
             error[k] = max(error[k], value)
     sigma0 = system.sigma0
-    made = _pairs(points, more, labels, (y, x), sigma0)
+    made = _pairs(points, more, labels, power, (y, x), sigma0)
     between = [_at(grid, y, x, place) for place in places[count:]]
     apart = [abs(float(truth.sum() - value.sum())) for truth, value in zip(power[count:], between, strict=True)]
     number = families(paths)
@@ -205,12 +205,13 @@ def _at(values: NDArray[Any], y: Array, x: Array, place: Array) -> Any:
 
 
 def _pairs(
-    points: Sequence[TracedPoint], more: Sequence[TracedPoint | None], labels: Sequence[str],
+    points: Sequence[TracedPoint], more: Sequence[TracedPoint | None], labels: Sequence[str], power: Array,
     grid: tuple[Array, Array], sigma0: float,
 ) -> tuple[FieldPair, ...]:  # fmt: skip
     """All pairs, each about one pupil point, with what interpolation leaves over at the checks."""
     y, x = grid
     count = len(x) * len(y)
+    places = np.array([point.x0 for point in points])
     known: list[Mapping[Key, tuple[Pair, TracedPoint]]] = []
     for point, extra in zip(points, more, strict=True):
         here = {key: (pair, point) for key, pair in point.pairs.items()}
@@ -222,13 +223,16 @@ def _pairs(
         about = [None if item is None else _about(*item, key, pivot) for item in have]
         size = max(len(pair.sigma) for pair in about if pair is not None)
         sigma = next(pair.sigma for pair in about if pair is not None and len(pair.sigma) == size)
-        middle = np.mean([pair.opd_m.mean() for pair in about if pair is not None])
         gamma = np.zeros((len(points), size), np.complex128)
-        opd = np.full((len(points), size), middle)
+        opd = np.zeros((len(points), size))
         for k, pair in enumerate(about):
             if pair is not None:
                 to = chebyshev.interpolation_matrix(pair.sigma, sigma) if len(pair.sigma) != size else np.eye(size)
                 gamma[k], opd[k] = to @ pair.gamma, to @ pair.opd_m
+        dark = np.array([pair is None for pair in about])
+        if dark.any():  # a path difference that goes on as elsewhere, so that the polynomial does not mind
+            flat = np.column_stack([np.ones(len(places)), places])
+            opd[dark] = flat[dark] @ np.linalg.lstsq(flat[~dark], opd[~dark], rcond=None)[0]
         shape = (size, len(y), len(x))
         made = FieldPair(
             labels.index(key[0]), labels.index(key[1]), sigma, gamma[:count].T.reshape(shape),
@@ -236,13 +240,13 @@ def _pairs(
         )  # fmt: skip
         contrast, path = at_sigma(made, sigma0)
         row = chebyshev.interpolation_matrix(sigma, np.array([sigma0]))[0] if size > 1 else np.ones(1)
+        strength = np.sqrt(power[:, made.m] * power[:, made.l])
+        contrast = contrast * strength[:count].reshape(contrast.shape)
         apart = 0.0
         for k in range(count, len(points)):
-            place = points[k].x0
-            value = _at(contrast, y, x, place)
-            turn = np.exp(2j * np.pi * sigma0 * (float(row @ opd[k]) - _at(path, y, x, place)))
-            apart = max(apart, float(abs(complex(row @ gamma[k]) * turn - value)) if about[k] is not None else 0.0)
-        found.append(FieldPair(made.m, made.l, sigma, made.gamma, made.opd_m, made.error, apart))
+            turn = np.exp(2j * np.pi * sigma0 * (float(row @ opd[k]) - _at(path, y, x, places[k])))
+            apart = max(apart, abs(strength[k] * complex(row @ gamma[k]) * turn - _at(contrast, y, x, places[k])))
+        found.append(FieldPair(made.m, made.l, sigma, made.gamma, made.opd_m, made.error, float(apart)))
     return tuple(found)
 
 

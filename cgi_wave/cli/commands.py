@@ -6,14 +6,22 @@ Heavy imports stand inside the functions. While a command computes, anything pri
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cgi_wave import DEFAULT_TOLERANCE
+from cgi_wave.cli.rank import rank
+from cgi_wave.cli.shared import check_bands as _check_bands
+from cgi_wave.cli.shared import check_tolerance as _check_tolerance
+from cgi_wave.cli.shared import computing as _computing
+from cgi_wave.cli.shared import instrument_option as _instrument
+from cgi_wave.cli.shared import json_option as _json
+from cgi_wave.cli.shared import number as _number
+from cgi_wave.cli.shared import progress as _progress
+from cgi_wave.cli.shared import tolerance_option as _tolerance
 from cgi_wave.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,24 +29,6 @@ if TYPE_CHECKING:
 
 
 PICTURES = (".png", ".svg", ".pdf")
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-def _instrument(function: Command) -> Command:
-    text = "Instrument file (TOML); the reference instrument if not given."
-    return click.option("--instrument", metavar="FILE", help=text)(function)
-
-
-def _tolerance(function: Command) -> Command:
-    text = "Leave out pairs of beams that can change the modulation by less than this part of it."
-    return click.option(
-        "--tolerance", type=float, default=DEFAULT_TOLERANCE, show_default=True, metavar="T", help=text
-    )(function)
-
-
-def _json(function: Command) -> Command:
-    return click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")(function)
 
 
 @click.command()
@@ -80,8 +70,10 @@ def run(
 def ghosts(band: str, out: str | None, tolerance: float, instrument: str | None, as_json: bool) -> None:
     """List the ghosts of BAND.
 
-    Path, power, spot size, OPD, contrast with its error bound, and Eq. 4 beside it.
+    Path, power, spot size, OPD, contrast with its error bound, and Eq. 4 beside it. How many there are by order, field
+    point and first surface goes to standard error, and is the field "counts" of the JSON document.
     """
+    from cgi_wave.budget.counts import count_ghosts, counts_text
     from cgi_wave.report import output, tables
 
     suffix = tables.check_suffix(Path(out).suffix) if out else ""
@@ -89,12 +81,14 @@ def ghosts(band: str, out: str | None, tolerance: float, instrument: str | None,
         with _computing():
             result, provenance = _analyse([band], instrument, tolerance)
             rows = result.bands[band].ghosts
+            counts = count_ghosts(rows)
+            _progress(counts_text(counts))
         if file:
             tables.write_ghosts(file, rows, provenance, suffix)
     from cgi_wave.report import build
 
     if as_json:
-        click.echo(output.to_json({"band": band, "ghosts": rows, "provenance": provenance}))
+        click.echo(output.to_json({"band": band, "counts": counts, "ghosts": rows, "provenance": provenance}))
     elif not out:
         click.echo(build.ghosts_text(rows))
 
@@ -226,6 +220,36 @@ def contrast(
     )
 
 
+@click.command("import")
+@click.argument("file")
+@click.option("--out", metavar="FILE", help="Instrument file to write (.toml); standard output if not given.")
+@click.option("--glass", "glasses", multiple=True, metavar="NAME=PAGE", help="Catalogue page or index of a glass.")
+@click.option("--primary-only", is_flag=True, help="Import the reference wavelength alone, as model glasses need.")
+@_json
+def import_(file: str, out: str | None, glasses: tuple[str, ...], primary_only: bool, as_json: bool) -> None:
+    """Make an instrument file of a lens FILE of Zemax (.zmx) or CODE V (.seq).
+
+    Prints what was substituted, dropped or ignored. What would bend light otherwise than the file says is refused.
+    """
+    from cgi_wave.report import output
+
+    chosen = dict(_glass(word) for word in glasses)
+    with output.whole_file(out) if out else nullcontext() as target:
+        with _computing():
+            from cgi_wave.lensfile.load import import_lens
+
+            found = import_lens(file, chosen, primary_only)
+        if target:
+            Path(target).write_text(found.toml, encoding="utf-8")
+    if as_json:
+        click.echo(output.to_json(found.report() | {"out": out, "instrument": found.document}))
+    elif out:
+        click.echo(f"{found.text()}\n{out}")
+    else:
+        _progress(found.text())
+        click.echo(found.toml, nl=False)
+
+
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("name", required=False)
 @click.argument("options", nargs=-1, type=click.UNPROCESSED)
@@ -258,7 +282,7 @@ def validate(name: str | None, options: tuple[str, ...], as_json: bool) -> int:
     return subprocess.run(words, check=False).returncode
 
 
-COMMANDS = (run, ghosts, psi, plan, contrast, validate, draw)
+COMMANDS = (run, ghosts, psi, plan, rank, contrast, import_, validate, draw)
 
 
 def _is_study(file: Path) -> bool:
@@ -293,11 +317,15 @@ def _pair_of_numbers(name: str, text: str) -> tuple[float, float]:
     return _number(name, parts[0]), _number(name, parts[1])
 
 
-def _number(name: str, text: str) -> float:
+def _glass(word: str) -> tuple[str, str | float]:
+    """A NAME=PAGE word; the page may be a constant index."""
+    name, equals, page = word.partition("=")
+    if not (name and equals and page):
+        raise InputError("command line", "--glass", word, "names no page", "write NAME=shelf/book/page or NAME=1.5")
     try:
-        return float(text)
+        return name, float(page)
     except ValueError:
-        raise InputError("command line", name, text, "not a number", "write it as 10.25") from None
+        return name, page
 
 
 def _analyse(
@@ -315,42 +343,9 @@ def _analyse(
     return result, made | result.provenance
 
 
-def _check_tolerance(tolerance: float) -> None:
-    if not 0.0 < tolerance < 1.0:  # also refuses NaN
-        remedy = f"give a number above 0 and below 1, such as {DEFAULT_TOLERANCE:g}"
-        raise InputError("command line", "--tolerance", tolerance, "bounds nothing", remedy)
-
-
-def _check_bands(bands: Sequence[str], instrument: str | None) -> list[str]:
-    """The bands asked for, each once and in that order; all of the instrument's if none is."""
-    from cgi_wave import analysis
-
-    known = list(analysis.list_bands(instrument))
-    for band in bands:
-        if band not in known:
-            raise InputError(
-                "command line", "BAND", band, "the instrument has no such band", f"use {' or '.join(known)}"
-            )
-    return list(dict.fromkeys(bands)) or known
-
-
 def _views(band: str, instrument: str | None) -> list[dict[str, Any]]:
     """The layout of the instrument in one band."""
     from cgi_wave.optics.system import load_instrument
     from cgi_wave.report.layout import layout
 
     return layout(load_instrument(instrument).band(band))
-
-
-@contextmanager
-def _computing() -> Iterator[None]:
-    """Standard output is for the result: what libraries print goes to standard error."""
-    output, sys.stdout = sys.stdout, sys.stderr
-    try:
-        yield
-    finally:
-        sys.stdout = output
-
-
-def _progress(message: str) -> None:
-    click.echo(message, err=True)

@@ -118,3 +118,8 @@ class Coherency:
     pairs: tuple[Pair, ...]
     left_out: LeftOutPairs = field(default_factory=lambda: LeftOutPairs.of(()))
     transmission_error: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def nominal_pair(self) -> int:
+        """Number of the pair of both nominal beams among ``pairs``."""
+        return next(k for k, pair in enumerate(self.pairs) if {pair.m, pair.l} == {0, 1})

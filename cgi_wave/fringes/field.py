@@ -28,7 +28,7 @@ class FieldPair:
 
     sigma (S,) 1/m; gamma (S, Y, X) complex, |gamma| ≤ 1; opd_m (S, Y, X) m
     error : largest bound on the error of gamma at the nodes
-    interpolation : largest |difference| of gamma, phase included, at the traced points between the nodes
+    interpolation : largest |difference| of √(t_m t_l) gamma, phase included, at the traced points between the nodes
     """
 
     m: int
@@ -122,6 +122,10 @@ class FringeField:
     def nominal(self) -> FieldPair:
         """The pair of both nominal beams."""
         return next(pair for pair in self.pairs if {pair.m, pair.l} == {0, 1})
+
+    def strength(self, pair: FieldPair) -> Array:
+        """(Y, X) √(t_m t_l) of a pair at the nodes; between them it is a polynomial, too."""
+        return np.sqrt(self.transmission[pair.m] * self.transmission[pair.l])
 
     def to(self, y: Array, x: Array) -> tuple[Array, Array]:
         """Matrices (len(y), Y) and (X, len(x)) that take values at the nodes to the grid y × x."""

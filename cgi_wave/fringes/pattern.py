@@ -31,8 +31,8 @@ from cgi_wave.kernels.fringes import add_fringes
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 METHOD = "fringe pattern"
-#: Nodes per axis of the grid on which what is left of the fringes is summed: first, and at most.
-FIRST_NODES, MOST_NODES = (16, 12), 160
+#: Nodes along y and x of the grids on which what is left of a pair's fringes is looked for, one after the other.
+GRIDS = ((16, 12), (32, 24), (64, 48))
 THREADS = 2
 #: Distance, in pixels, from the nominal image below which a ghost is taken to image the scene onto itself.
 SAME_IMAGE = 0.25
@@ -44,9 +44,10 @@ class Layer:
 
     name : "nominal", or the parasitic history of a family; pattern (C, R, K) : relative irradiance per spectral shape
     over the zone's rows and columns; view : how the scene is seen, None for the nominal image
-    error : bound of what is wrong with ``pattern[0]`` anywhere, relative irradiance: the sum of the next four
+    error : bound of what is wrong with ``pattern[0]`` anywhere, relative irradiance: the sum of the next five
     contrast : bounds of the contrasts at the traced points; power : of the powers; interpolation : measured between
-    traced points, over pairs added plainly; numerical : reduction of the spectrum and of the smooth part
+    traced points, over pairs added plainly; left_out : amplitudes of pairs that no grid resolves; numerical : reduction
+    of the spectrum and of the smooth part
     """
 
     name: str
@@ -56,7 +57,18 @@ class Layer:
     contrast: float
     power: float
     interpolation: float
+    left_out: float
     numerical: float
+
+
+@dataclass(frozen=True)
+class _Resolved:
+    """A pair's fringes: multiple of the carrier, what is left of them (C, My, Mx) or None, largest amplitude, error."""
+
+    harmonic: int
+    envelope: Complex | None
+    amplitude: float
+    missed: float
 
 
 @dataclass
@@ -72,10 +84,12 @@ class _Sums:
     """What one layer gathers: groups by how often its light passes the arms, and its errors."""
 
     view: SceneView | None
+    grid: tuple[Array, Array]
     groups: dict[tuple[int, int], _Group] = field(default_factory=dict)
     contrast: float = 0.0
     power: float = 0.0
     interpolation: float = 0.0
+    left_out: float = 0.0
     numerical: float = 0.0
 
 
@@ -85,37 +99,31 @@ def fringe_patterns(
     """Patterns of all layers of a fringe field, the nominal one first.
 
     sigma (S,) 1/m ascending; weights (C, S): filter × spectral shape, the first ≥ 0: its integral makes the unit.
-    tolerance: largest error of the reduction, as a share of the nominal baseline; pixel: average over pixels (exact for
-    an OPD that is linear within one), or take their centres.
+    tolerance: largest error of the reduction, as a share of the nominal baseline; pixel: average over pixels (to second
+    order of what changes within one), or take their centres.
 
-    Raises InputError for weights that do not fit; MethodLimitError if the spectral step exceeds 1/(4·largest group
-    OPD), the pairs' spectral range misses more than 1e-4 of the weight, or what is left of a pair's fringes is not
-    smooth on MOST_NODES nodes.
+    A pair whose fringes, less a multiple of the nominal ones, are not smooth on the finest of GRIDS is left out, with
+    its amplitude as the bound. Raises InputError for weights that do not fit; MethodLimitError if the spectral step
+    exceeds 1/(4·largest group OPD), the pairs' spectral range misses more than 1e-4 of the weight, or the nominal pair
+    is not smooth.
     """
     sigma, measures = _measures(sigma, np.atleast_2d(weights))
     sigma, measures, lost = _restricted(zone.pairs, sigma, measures)
     node, reduced = _spectrum(zone, sigma, measures)
-    size = (max(FIRST_NODES[0], len(zone.y_m)), max(FIRST_NODES[1], len(zone.x_m)))
-    while True:
-        y, x = (chebyshev.nodes(n, *ends) for n, ends in zip(size, (zone.zone[2:], zone.zone[:2]), strict=True))
-        sums = _layers(zone, node, reduced, y, x, pixel)
-        worst = max(s.numerical for s in sums.values())
-        if worst <= tolerance * float(zone.transmission[:2].sum(axis=0).mean()):
-            break
-        if max(size) >= MOST_NODES:
-            raise MethodLimitError(
-                METHOD,
-                f"{zone.band}: on {size[0]} × {size[1]} nodes the fringes, less multiples of the nominal ones, are "
-                f"known to {worst:.2g}",
-                worst / tolerance, "raise the tolerance, or the power below which pairs are left out",
-            )  # fmt: skip
-        size = (min(2 * size[0], MOST_NODES), min(2 * size[1], MOST_NODES))
+    allowed = tolerance * float(zone.transmission[:2].sum(axis=0).mean()) / len(zone.pairs)
+    found = [_resolved(zone, pair, node, reduced, allowed, pixel) for pair in zone.pairs]
+    nominal = found[zone.pairs.index(zone.nominal)]
+    if nominal.envelope is None:
+        raise MethodLimitError(
+            METHOD, f"{zone.band}: on {GRIDS[-1]} nodes the nominal contrast is known to {nominal.missed:.2g}",
+            nominal.missed / allowed, "trace fewer field points, or raise the tolerance",
+        )  # fmt: skip
     layers = []
-    for name, s in sums.items():
-        pattern = _to_pixels(zone, s.groups, y, x)
+    for name, s in _layers(zone, found, reduced).items():
+        pattern = _to_pixels(zone, s)
         numerical = s.numerical + 2.0 * lost * float(np.abs(pattern[0]).max())
-        error = s.contrast + s.power + s.interpolation + numerical
-        layers.append(Layer(name, pattern, s.view, error, s.contrast, s.power, s.interpolation, numerical))
+        error = s.contrast + s.power + s.interpolation + s.left_out + numerical
+        layers.append(Layer(name, pattern, s.view, error, s.contrast, s.power, s.interpolation, s.left_out, numerical))
     return tuple(layers)
 
 
@@ -177,41 +185,66 @@ def _spectrum(zone: FringeField, sigma: Array, measures: Array) -> tuple[Array, 
     return chebyshev.compress(sigma, measures, count, sigma[0], sigma[-1])
 
 
-def _layers(zone: FringeField, node: Array, reduced: Array, y: Array, x: Array, pixel: bool) -> dict[str, _Sums]:
-    """Sums of all layers on the grid y × x: the nominal layer first."""
-    to_y, to_x = zone.to(y, x)
-    power = np.maximum(to_y @ zone.transmission @ to_x, 0.0)
-    shape = (len(reduced), len(y), len(x))
+def _grid(zone: FringeField, size: tuple[int, int]) -> tuple[Array, Array]:
+    return chebyshev.nodes(size[0], *zone.zone[2:]), chebyshev.nodes(size[1], *zone.zone[:2])
+
+
+def _resolved(
+    zone: FringeField, pair: FieldPair, node: Array, reduced: Array, allowed: float, pixel: bool
+) -> _Resolved:
+    """One pair's fringes on the first of GRIDS where their series has ended in both directions of the field."""
+    _, opd = at_sigma(zone.nominal, zone.sigma0)
+    largest, missed, h = 0.0, np.inf, 0
+    for size in GRIDS:
+        y, x = _grid(zone, size)
+        to = zone.to(y, x)
+        amplitude = 2.0 * (to[0] @ zone.strength(pair) @ to[1])
+        largest = float(np.abs(amplitude).max())
+        h, left, missed = _envelope(zone, pair, amplitude, zone.sigma0 * opd, node, reduced, (y, x), to, pixel)
+        missed += float(max(chebyshev.tail(np.moveaxis(left, 1, -1)).max(), chebyshev.tail(left).max()))
+        if missed <= allowed:
+            return _Resolved(h, left, largest, missed)
+    return _Resolved(h, None, largest * float(np.abs(pair.gamma).max()), missed)
+
+
+def _layers(zone: FringeField, found: Sequence[_Resolved], reduced: Array) -> dict[str, _Sums]:
+    """Sums of all layers, the nominal one first, each on the finest grid that one of its pairs needs."""
     seen: dict[int, str] = {0: "nominal"}
-    sums = {"nominal": _Sums(None)}
+    sums = {"nominal": _Sums(None, _grid(zone, GRIDS[0]))}
     for view in zone.views:
         same = _onto_itself(zone, view)
         seen[view.family] = "nominal" if same else view.name
         if not same:
-            sums[view.name] = _Sums(view)
+            sums[view.name] = _Sums(view, _grid(zone, GRIDS[0]))
+    for pair, one in zip(zone.pairs, found, strict=True):
+        own = sums[seen[_layer_of(zone, pair)]]
+        if one.envelope is not None and one.envelope.shape[1] > len(own.grid[0]):
+            own.grid = _grid(zone, one.envelope.shape[1:])
     unit = reduced.sum(axis=1)
     for number, family in enumerate(zone.family):
-        group = _group(sums[seen[int(family)]], _passes(zone, (number,)), shape)
-        group.base += unit[:, None, None] * power[number]
-        sums[seen[int(family)]].power += float(zone.transmission_error[number])
+        own = sums[seen[int(family)]]
+        to_y, to_x = zone.to(*own.grid)
+        group = _group(own, _passes(zone, (number,)), len(unit))
+        group.base += unit[:, None, None] * (to_y @ zone.transmission[number] @ to_x)
+        own.power += float(zone.transmission_error[number])
     sums["nominal"].interpolation += zone.transmission_interpolation
-    _, opd = at_sigma(zone.nominal, zone.sigma0)
-    carrier = zone.sigma0 * opd
-    for pair in zone.pairs:
+    for pair, one in zip(zone.pairs, found, strict=True):
         own = sums[seen[_layer_of(zone, pair)]]
-        amplitude = 2.0 * np.sqrt(power[pair.m] * power[pair.l])
-        h, envelope, missed = _envelope(zone, pair, amplitude, carrier, node, reduced, (y, x), (to_y, to_x), pixel)
-        group = _group(own, _passes(zone, (pair.m, pair.l)), shape)
-        if h == 0:
+        if one.envelope is None:
+            own.left_out += one.amplitude
+            continue
+        from_y, from_x = _grid(zone, one.envelope.shape[1:])
+        to_y = chebyshev.interpolation_matrix(from_y, own.grid[0])
+        to_x = chebyshev.interpolation_matrix(from_x, own.grid[1]).T
+        envelope = to_y @ one.envelope @ to_x
+        group = _group(own, _passes(zone, (pair.m, pair.l)), len(unit))
+        if one.harmonic == 0:
             group.base += envelope.real
         else:
-            group.harmonics[h] = group.harmonics.get(h, np.zeros(shape, np.complex128)) + envelope
-        largest = float(amplitude.max())
-        own.contrast += largest * pair.error
-        own.interpolation += largest * pair.interpolation
-        # The series must have ended in both directions of the field.
-        along_y, along_x = chebyshev.tail(np.moveaxis(envelope, 1, -1)), chebyshev.tail(envelope)
-        own.numerical += missed + float(max(along_y.max(), along_x.max()))
+            group.harmonics[one.harmonic] = group.harmonics.get(one.harmonic, np.zeros_like(envelope)) + envelope
+        own.contrast += one.amplitude * pair.error
+        own.interpolation += 2.0 * pair.interpolation
+        own.numerical += one.missed
     return sums
 
 
@@ -277,8 +310,8 @@ def _passes(zone: FringeField, beams: tuple[int, ...]) -> tuple[int, int]:
     return int(first), int(second)
 
 
-def _group(sums: _Sums, passes: tuple[int, int], shape: tuple[int, ...]) -> _Group:
-    return sums.groups.setdefault(passes, _Group(np.zeros(shape)))
+def _group(sums: _Sums, passes: tuple[int, int], shapes: int) -> _Group:
+    return sums.groups.setdefault(passes, _Group(np.zeros((shapes, len(sums.grid[0]), len(sums.grid[1])))))
 
 
 def _layer_of(zone: FringeField, pair: FieldPair) -> int:
@@ -298,8 +331,9 @@ def _onto_itself(zone: FringeField, view: SceneView) -> bool:
     return view.kernel.size == 1 and bool(apart < SAME_IMAGE * zone.pixel_m)
 
 
-def _to_pixels(zone: FringeField, groups: dict[tuple[int, int], _Group], y: Array, x: Array) -> Array:
+def _to_pixels(zone: FringeField, sums: _Sums) -> Array:
     """(C, R, K) pattern: all groups together where no arm is shaded, one by one where one is."""
+    groups, (y, x) = sums.groups, sums.grid
     rows, columns = zone.y_pixels, zone.x_pixels
     shade = np.ones((2, len(rows)))
     for shadow in zone.shadows:

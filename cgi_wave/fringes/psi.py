@@ -13,85 +13,32 @@ are those of the field point and are held along the zone. Three book-keepings co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.fringes import chebyshev
-from cgi_wave.fringes.coherency import Coherency, LeftOutPairs, Pair
+from cgi_wave.fringes.coherency import Coherency, Pair
+from cgi_wave.fringes.terms import METHOD, Interferogram, Psi, Terms, belongs, standard_error
+
+__all__ = ["Interferogram", "Psi", "belongs", "interferogram_terms", "standard_error", "synthesise"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Bookkeeping = Literal["nominal", "paper", "coherent"]
-METHOD = "compressed spectral sum"
 #: Weight outside the spectral range of the pairs that is let go, its bound going into the error; more is refused.
 LOST_WEIGHT_LIMIT = 1e-4
-#: Least squares over ten fringes tells frequencies apart that differ by more than this share of the nominal one, but
-#: for this part of the amplitude (1/(2π·10·0.6) of a sinc's side lobe, three times).
-NEAR, LEAKAGE = 0.6, 0.08
-
-
-@dataclass(frozen=True)
-class Interferogram:
-    """One book-keeping of a PSI. Irradiance is relative (∫w = 1), see the module.
-
-    irradiance : (R,) per row
-    error : absolute bound that holds on every row, the sum of the next four
-    power_error : from the errors of the beams' powers, added without cancellation
-    contrast_error : from the error bounds of the pairs' γ, added without cancellation
-    sampling_error : |sum on the given σ grid − sum on every second sample|, added over pairs
-    numerical_error : reduction of the spectral sum, interpolation along y, lost spectral tails, rounding
-    left_out : what the pairs that belong here and were left out can add to the modulation, relative to the nominal M:
-        bounds added plainly within two families, whose arm pairs keep their phases, and in squares over families,
-        whose surfaces no one places to a fraction of a wavelength. A standard error. A pair whose fringes are far from
-        the nominal frequency counts by LEAKAGE
-    left_out_baseline : the same for the baseline, where pairs without fringes count; in units of the nominal M too
-    left_out_bound : the plain sum of all those bounds
-    unbounded : number of pairs that belong here and are neither computed nor left out with a bound
-    """
-
-    bookkeeping: Bookkeeping
-    irradiance: Array
-    error: float
-    power_error: float
-    contrast_error: float
-    sampling_error: float
-    numerical_error: float
-    left_out: float
-    left_out_baseline: float
-    left_out_bound: float
-    unbounded: int
-
-
-@dataclass(frozen=True)
-class Psi:
-    """The PSI of one field point.
-
-    y_m : (R,) m, row centres measured from the field point along the OPD axis, ascending
-    opd_m : (R,) m, phase OPD of the nominal pair at ``sigma0`` on each row
-    sigma0 : 1/m, centroid of w: it depends on the band only, not on the field, and fixes the fringe frequency
-    slope : dOPD/dy of the nominal pair; row_height_m : height over which each row integrates (0: a point)
-    """
-
-    y_m: Array
-    opd_m: Array
-    sigma0: float
-    slope: float
-    row_height_m: float
-    nominal: Interferogram
-    paper: Interferogram
-    coherent: Interferogram
-    spectral_nodes: int
-    row_nodes: int
-    method: str = METHOD
 
 
 def synthesise(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_height_m: float = 0.0) -> Psi:
-    """The PSI of one field point in the three book-keepings.
+    """The PSI of one field point in the three book-keepings; arguments and errors as in ``interferogram_terms``."""
+    return interferogram_terms(coherency, sigma, weight, y_m, row_height_m).psi()
+
+
+def interferogram_terms(
+    coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_height_m: float = 0.0
+) -> Terms:
+    """Every term of the PSI of one field point.
 
     sigma (S,) 1/m ascending; weight (S,) ≥ 0, filter × radiance in any unit; y_m (R,) m ascending.
     The row integral is exact: every spectral term carries its own sinc(σ·slope·row_height_m).
@@ -134,65 +81,13 @@ def synthesise(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, ro
         "numerical": amplitude
         * (y_error + 2.0 * lost + 4.0 * reduction + 2.0 * np.pi * sigma0 * reach * np.finfo(float).eps * 4.0),
     }
-    nominal = next(pair for pair in coherency.pairs if {pair.m, pair.l} == {0, 1})
+    nominal = coherency.pairs[coherency.nominal_pair]
     to_centre = chebyshev.interpolation_matrix(nominal.sigma, np.array([sigma0]))
     opd = float((to_centre @ nominal.opd_m)[0]) if len(nominal.sigma) > 1 else float(nominal.opd_m[0])
-
-    def keep(bookkeeping: Bookkeeping) -> Interferogram:
-        return _interferogram(coherency, bookkeeping, part, bounds)
-
-    return Psi(
-        y_m=y_m, opd_m=opd + nominal.slope * y_m, sigma0=sigma0, slope=nominal.slope, row_height_m=row_height_m,
-        nominal=keep("nominal"), paper=keep("paper"), coherent=keep("coherent"),
-        spectral_nodes=count, row_nodes=len(y_node),
+    return Terms(
+        coherency=coherency, y_m=y_m, opd_m=opd + nominal.slope * y_m, sigma0=sigma0, slope=nominal.slope,
+        row_height_m=row_height_m, part=part, bounds=bounds, spectral_nodes=count, row_nodes=len(y_node),
     )  # fmt: skip
-
-
-def belongs(m: NDArray[np.int64], l: NDArray[np.int64], bookkeeping: Bookkeeping) -> NDArray[np.bool_]:  # noqa: E741
-    """Which of the pairs (m, l), (P,) each, are part of a book-keeping; beams 0 and 1 are the nominal ones."""
-    nominals = np.add(np.less(m, 2), np.less(l, 2), dtype=np.int64)
-    mask: NDArray[np.bool_] = nominals >= {"coherent": 0, "paper": 1, "nominal": 2}[bookkeeping]
-    return mask
-
-
-def _interferogram(
-    coherency: Coherency, bookkeeping: Bookkeeping, part: Array, bounds: dict[str, Array]
-) -> Interferogram:
-    beams = len(coherency.labels)
-    ends = np.array([(pair.m, pair.l) for pair in coherency.pairs])
-    used = belongs(ends[:, 0], ends[:, 1], bookkeeping)
-    power = coherency.transmission[:2].sum() if bookkeeping == "nominal" else coherency.transmission.sum()
-    uncertain = float(
-        (coherency.transmission_error[:2] if bookkeeping == "nominal" else coherency.transmission_error).sum()
-    )
-    contrast, sampling, numerical = (float(bounds[name][used].sum()) for name in ("contrast", "sampling", "numerical"))
-    out = coherency.left_out.some(belongs(coherency.left_out.m, coherency.left_out.l, bookkeeping))
-    wanted = {"nominal": 1, "paper": 1 + 2 * (beams - 2), "coherent": beams * (beams - 1) // 2}[bookkeeping]
-    return Interferogram(
-        bookkeeping=bookkeeping,
-        irradiance=power + part[:, used].sum(axis=1),
-        error=uncertain + contrast + sampling + numerical,
-        power_error=uncertain,
-        contrast_error=contrast,
-        sampling_error=sampling,
-        numerical_error=numerical,
-        left_out=standard_error(coherency, out, 1.0),
-        left_out_baseline=standard_error(coherency, out, 0.0),
-        left_out_bound=float(out.bound.sum()),
-        unbounded=wanted - int(used.sum()) - len(out),
-    )
-
-
-def standard_error(coherency: Coherency, out: LeftOutPairs, frequency: float) -> float:
-    """Bounds added plainly within each pair of families, and in squares over the pairs of families.
-
-    A pair counts in full within NEAR of ``frequency`` (in nominal fringe frequencies) or if its own is not known.
-    """
-    one, other = coherency.family[out.m], coherency.family[out.l]
-    far = np.abs(np.abs(out.frequency) - frequency) > NEAR  # False for NaN
-    both = np.minimum(one, other) * (int(coherency.family.max()) + 1) + np.maximum(one, other)
-    sums = np.bincount(both, out.bound * np.where(far, LEAKAGE, 1.0))
-    return float(np.sqrt((sums**2).sum()))
 
 
 def _amplitudes(coherency: Coherency) -> Array:

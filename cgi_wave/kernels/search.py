@@ -1,5 +1,8 @@
 """The search for every path that light can take: depth first, by probe rays that share the prefixes of their paths.
 
+A branch is given up as soon as nothing of it can reach the detector: how much could, at best, from each surface with so
+many reflections and splits left, is computed beforehand from the spaces alone.
+
 Status words of a step are those of ``kernels.trace``; nothing is shared but them, so that the two call trees stay apart
 (Numba's cache does not notice changes in other files). Rays that leave a branch are dropped from its arrays: deep
 branches are thin, and their loops short.
@@ -13,6 +16,11 @@ from numba import njit
 REFRACT, REFLECT = 0, 1
 #: Rows of a ray: position, direction cosines (world), optical path length.
 ROWS = 7
+#: Why branches end, counted by the search: the order, the splits or the coating power run out; the detector cannot be
+#: reached any more; it can, but not with power enough; no probe survives the interaction; no probe meets anything.
+ORDER, SPLITS, POWER, UNREACHABLE, BOUND, LOST, LEFT, ENDS = 0, 1, 2, 3, 4, 5, 6, 7
+#: Room for rounding in the comparison of a bound with the least power.
+_SLACK = 1.0 + 1e-12
 
 # No fastmath: the search relies on inf.
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
@@ -88,60 +96,96 @@ def _bend(x, y, z, l, m, n, opl, dist, ratio, index, lost, rot, org, curvature, 
 
 
 @njit(**_JIT)
-def _branch(rays, number, dist, hit, out, out_number, real, whole, s, act, side_space, index, rot, org, curvature,
-            conic):  # fmt: skip
-    """Carry on, by ``act``, the rays (ROWS, N) that met surface ``s``: how many live on, and the space they are in.
+def reach_table(side_space, start, members, power_t, power_r, splits_t, splits_r, parasitic_t, parasitic_r, detector,
+                max_order, max_splits):  # fmt: skip
+    """Largest coating power with which light that leaves a surface can reach the detector, geometry disregarded.
 
-    out, out_number receive them; real (3, N), whole (2, N): room to work in.
+    Arguments as in ``search_paths``. Returns (S, 2, max_order + 1, max_splits + 1): for light that leaves the surface
+    into the space on its local −z side (0) or +z side (1), with so many parasitic reflections and splits left; 0 if it
+    cannot. The largest product over all walks through the spaces in which no surface follows itself.
+    """
+    count = side_space.shape[0]
+    best = np.zeros((count, 2, max_order + 1, max_splits + 1))
+    better = True
+    while better:
+        better = False
+        for s in range(count):
+            for side in range(2):
+                space = side_space[s, side]
+                if space < 0:
+                    continue
+                for j in range(start[space], start[space + 1]):
+                    b = members[j]
+                    if b == s:
+                        continue
+                    near = 0 if side_space[b, 0] == space else 1
+                    for act in range(2):
+                        to = 1 - near if act == REFRACT else near
+                        factor = power_t[b] if act == REFRACT else power_r[b]
+                        less = parasitic_t[b] if act == REFRACT else parasitic_r[b]
+                        fewer = splits_t[b] if act == REFRACT else splits_r[b]
+                        for o in range(max_order + 1):
+                            for k in range(max_splits + 1):
+                                value = 1.0 if b == detector else 0.0
+                                if side_space[b, to] >= 0 and o >= less and k >= fewer:
+                                    value = max(value, factor * best[b, to, o - less, k - fewer])
+                                if value > best[s, side, o, k]:
+                                    best[s, side, o, k] = value
+                                    better = True
+    return best
+
+
+@njit(**_JIT)
+def _branch(rays, number, dist, hit, out, out_number, real, place, lost, s, act, space, target, index, rot, org,
+            curvature, conic):  # fmt: skip
+    """Carry on, by ``act``, the rays (ROWS, N) that met surface ``s`` from ``space``: how many live on, in ``target``.
+
+    out, out_number receive them; real (3, N), place, lost (N,): room to work in.
     """
     width = 0
     for i in range(hit.shape[0]):
-        if hit[i] != s:
-            continue
-        # Which side was hit decides the spaces on both sides of the interaction.
-        along = rays[3, i] * rot[2, 0] + rays[4, i] * rot[2, 1] + rays[5, i] * rot[2, 2]
-        before = side_space[s, 0] if along > 0.0 else side_space[s, 1]
-        after = side_space[s, 1] if along > 0.0 else side_space[s, 0]
-        target = after if act == REFRACT else before
-        if target < 0 or before < 0:
-            continue
-        for row in range(ROWS):
-            out[row, width] = rays[row, i]
-        real[0, width] = dist[i]
-        real[1, width] = index[before] / index[target] if act == REFRACT else 1.0
-        real[2, width] = index[before]
-        whole[0, width] = target
-        out_number[width] = number[i]
-        width += 1
-    _bend(out[0, :width], out[1, :width], out[2, :width], out[3, :width], out[4, :width], out[5, :width],
-          out[6, :width], real[0], real[1], real[2], whole[1], rot, org, curvature, conic, act == REFLECT)  # fmt: skip
-    living, space = 0, -1
+        place[width] = i
+        width += int(hit[i] == s)
+    for row in range(ROWS):
+        values, copy = rays[row], out[row]
+        for i in range(width):
+            copy[i] = values[place[i]]
+    ratio = index[space] / index[target] if act == REFRACT else 1.0
     for i in range(width):
-        if whole[1, i] == 0:
+        out_number[i] = number[place[i]]
+        real[0, i] = dist[place[i]]
+        real[1, i] = ratio
+        real[2, i] = index[space]
+    _bend(out[0, :width], out[1, :width], out[2, :width], out[3, :width], out[4, :width], out[5, :width],
+          out[6, :width], real[0], real[1], real[2], lost, rot, org, curvature, conic, act == REFLECT)  # fmt: skip
+    living = 0
+    for i in range(width):
+        if lost[i] == 0:
             if living < i:
                 for row in range(ROWS):
                     out[row, living] = out[row, i]
                 out_number[living] = out_number[i]
-            space = whole[0, i]
             living += 1
-    return living, space
+    return living
 
 
 @njit(**_JIT)
 def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space, start, members, index, power_t,
-                 power_r, splits_t, splits_r, parasitic_t, parasitic_r, detector, max_order, max_splits, min_power,
-                 max_depth, max_paths):  # fmt: skip
+                 power_r, splits_t, splits_r, parasitic_t, parasitic_r, detector, reach, max_order, max_splits,
+                 min_power, max_depth, max_paths):  # fmt: skip
     """Depth-first search of every path on which at least one probe ray reaches the detector.
 
     rays0 (6, N) world rays in space ``space0``; surfaces as in ``trace_sequence`` but with world frames (rot rows are
     the local axes in the world, org the vertices). side_space (S, 2): the space before (local −z) and after each
     surface. start, members: surfaces that bound each space (compressed rows). index: refractive index per space.
     power_t, power_r: coating power; splits_*: 1 where that interaction counts as a split beyond the nominal ones;
-    parasitic_*: 1 where it counts as a parasitic reflection. A branch ends where order, splits, power or depth run
-    out, or where no probe is left. The prefix of a branch is traced once and shared by all that grow from it.
+    parasitic_*: 1 where it counts as a parasitic reflection. reach: ``reach_table``. A branch ends where order, splits,
+    power or depth run out, where nothing of it can reach the detector with ``min_power``, or where no probe is left.
+    The prefix of a branch is traced once and shared by all that grow from it.
 
     Returns (paths (P, max_depth) int64: 2·surface + interaction, lengths, probe counts, first probe that arrives, its
-    optical path length from where it started, m, coating power, orders, visits, overflow): overflow is 1 if more than
+    optical path length from where it started, m, coating power, orders, visits, ends (ENDS,), wrong, overflow): wrong
+    counts probes that met a surface from the side of another space, and went no further; overflow is 1 if more than
     max_paths exist or a path was cut at max_depth.
     """
     count = rays0.shape[1]
@@ -150,11 +194,13 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
     alive = np.zeros(max_depth + 1, dtype=np.int64)
     hit = np.empty((max_depth + 1, count), dtype=np.int64)
     dist = np.empty((max_depth + 1, count))
-    real, whole = np.empty((3, count)), np.empty((2, count), dtype=np.int64)
+    real, place, lost = np.empty((3, count)), np.empty(count + 1, dtype=np.int64), np.empty(count, dtype=np.int64)
+    seen, first = np.empty(rot.shape[0], dtype=np.int64), np.empty(rot.shape[0], dtype=np.int64)
+    ends = np.zeros(ENDS, dtype=np.int64)
     trail = np.empty(max_depth + 1, dtype=np.int64)
     # At every depth of the branch there wait at most two interactions with each surface of one space.
     room = 2 * np.max(start[1:] - start[:-1]) * max_depth
-    stack = np.empty((room, 5), dtype=np.int64)  # depth, surface, interaction, order, splits
+    stack = np.empty((room, 7), dtype=np.int64)  # depth, surface, interaction, order, splits, space, next space
     stack_power = np.empty(room)
     paths = np.empty((max_paths, max_depth), dtype=np.int64)
     lengths = np.zeros(max_paths, dtype=np.int64)
@@ -163,7 +209,7 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
     orders = np.zeros(max_paths, dtype=np.int64)
     probes = np.zeros(max_paths, dtype=np.int64)
     opl = np.zeros(max_paths)
-    found, top, overflow, visits = 0, 0, 0, 0
+    found, top, overflow, visits, wrong = 0, 0, 0, 0, 0
     rays[0, :6] = rays0
     rays[0, 6] = 0.0
     number[0] = np.arange(count)
@@ -182,48 +228,76 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
                 _nearest(r[0, :width], r[1, :width], r[2, :width], r[3, :width], r[4, :width], r[5, :width], near,
                          which, rot[s], org[s], curvature[s], conic[s], ap[0], ap[1], ap[2], ap[3], ap[4],
                          s)  # fmt: skip
+            seen[s] = 0
+        met = 0
+        for i in range(width - 1, -1, -1):
+            s = which[i]
+            if s < 0:
+                continue
+            if side_space[s, 0] != side_space[s, 1]:
+                along = r[3, i] * rot[s, 2, 0] + r[4, i] * rot[s, 2, 1] + r[5, i] * rot[s, 2, 2]
+                if (along > 0.0) != (side_space[s, 0] == space):
+                    which[i] = -1
+                    wrong += 1
+                    continue
+            seen[s] += 1
+            first[s] = i
+            met += 1
+        ends[LEFT] += int(met == 0)
         for j in range(start[space], start[space + 1]):
             s = members[j]
-            seen, first = 0, -1
-            for i in range(width):
-                if which[i] == s:
-                    seen += 1
-                    first = i if first < 0 else first
-            if seen == 0:
+            if seen[s] == 0:
                 continue
             if s == detector:
                 if found == max_paths:
                     overflow = 1
                 else:
                     paths[found, :depth] = trail[:depth]
-                    lengths[found], counts[found], powers[found] = depth, seen, power
-                    orders[found], probes[found] = order, number[depth, first]
-                    opl[found] = r[6, first] + index[space] * near[first]
+                    lengths[found], counts[found], powers[found] = depth, seen[s], power
+                    orders[found], probes[found] = order, number[depth, first[s]]
+                    opl[found] = r[6, first[s]] + index[space] * near[first[s]]
                     found += 1
             if depth + 1 > max_depth - 1:
                 overflow = 1
                 continue
+            side = 0 if side_space[s, 0] == space else 1
             for act in range(2):
-                factor = power_t[s] if act == REFRACT else power_r[s]
+                factor = power * (power_t[s] if act == REFRACT else power_r[s])
                 order2 = order + (parasitic_t[s] if act == REFRACT else parasitic_r[s])
                 split2 = split + (splits_t[s] if act == REFRACT else splits_r[s])
-                if factor * power < min_power or order2 > max_order or split2 > max_splits:
-                    continue
-                stack[top, 0], stack[top, 1], stack[top, 2] = depth, s, act
-                stack[top, 3], stack[top, 4] = order2, split2
-                stack_power[top] = factor * power
-                top += 1
+                to = 1 - side if act == REFRACT else side
+                if order2 > max_order:
+                    ends[ORDER] += 1
+                elif split2 > max_splits:
+                    ends[SPLITS] += 1
+                elif factor < min_power:
+                    ends[POWER] += 1
+                elif side_space[s, to] < 0:
+                    ends[UNREACHABLE] += 1
+                else:
+                    best = reach[s, to, max_order - order2, max_splits - split2]
+                    if best == 0.0:
+                        ends[UNREACHABLE] += 1
+                    elif factor * best * _SLACK < min_power:
+                        ends[BOUND] += 1
+                    else:
+                        stack[top, 0], stack[top, 1], stack[top, 2] = depth, s, act
+                        stack[top, 3], stack[top, 4] = order2, split2
+                        stack[top, 5], stack[top, 6] = space, side_space[s, to]
+                        stack_power[top] = factor
+                        top += 1
         # Take the youngest entry whose rays survive the interaction.
         moved = 0
         while top > 0 and moved == 0:
             top -= 1
             parent, s, act = stack[top, 0], stack[top, 1], stack[top, 2]
             order, split, power = stack[top, 3], stack[top, 4], stack_power[top]
-            depth = parent + 1
+            depth, before, space = parent + 1, stack[top, 5], stack[top, 6]
             visits += 1
-            moved, space = _branch(rays[parent], number[parent], dist[parent], hit[parent, : alive[parent]],
-                                   rays[depth], number[depth], real, whole, s, act, side_space, index, rot[s], org[s],
-                                   curvature[s], conic[s])  # fmt: skip
+            moved = _branch(rays[parent], number[parent], dist[parent], hit[parent, : alive[parent]], rays[depth],
+                            number[depth], real, place, lost, s, act, before, space, index, rot[s], org[s],
+                            curvature[s], conic[s])  # fmt: skip
+            ends[LOST] += int(moved == 0)
             alive[depth] = moved
             trail[parent] = 2 * s + act
             left = s
@@ -231,4 +305,4 @@ def search_paths(rays0, space0, rot, org, curvature, conic, aperture, side_space
             break
     some = slice(0, found)
     return (paths[some], lengths[some], counts[some], probes[some], opl[some], powers[some], orders[some], visits,
-            overflow)  # fmt: skip
+            ends, wrong, overflow)  # fmt: skip

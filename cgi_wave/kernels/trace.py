@@ -8,8 +8,9 @@ notice changes in other files.
 A tangent is the derivative of a ray (position and direction) by a parameter of its launch. It obeys the ray's own
 equations, differentiated: exact, no step to choose, and no neighbour that could fail where the ray itself passes.
 
-Status codes: 0 = traced; 4·(step + 1) + kind at the first trouble, with kind MISS (no intersection), TIR (total
-internal reflection) or BACKWARD (the surface lies behind the ray: the ray is virtual).
+Status codes: 0 = traced; KINDS·(step + 1) + kind at the first trouble, with kind MISS (no intersection), TIR (total
+internal reflection), WRONG_SIDE (the surface is met from the space that the step does not come from) or BACKWARD (the
+surface lies behind the ray: the ray is virtual).
 """
 
 from __future__ import annotations
@@ -17,11 +18,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-MISS, TIR, BACKWARD = 1, 2, 3
+KINDS = 8
+MISS, TIR, BACKWARD, WRONG_SIDE = 1, 2, 3, 4
 REFRACT, REFLECT = 0, 1
+PLANE, SPHERE, CONIC = 0, 1, 2
 #: Slice length: a slice of eight float64 columns (32 kB) stays in the first-level cache; with two tangents of six
 #: columns each it is the shorter one that does.
 SLICE, TANGENT_SLICE = 512, 128
+#: Columns of a slice begin this much further apart than its length: at whole multiples of 4096 bytes a store into one
+#: looks to the processor like a store into the next, and holds up its loads.
+PAD = 24
 #: Widest aperture description: kind (0 none, 1 circle, 2 rectangle), half width x, half width y, centre x, centre y.
 APERTURE_COLUMNS = 5
 
@@ -29,43 +35,107 @@ APERTURE_COLUMNS = 5
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
+def _meeting(turned: bool, shape: int):
+    """Compile the move of a slice into the next local frame and onto its surface, for frames of one kind.
+
+    turned: whether the frame is rotated against the last one; shape: PLANE, SPHERE or CONIC. What a frame does not need
+    is left out of the loop, of which divisions and square roots are the greater part.
+    """
+
+    @njit(**_JIT)
+    def meet(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side):  # noqa: E741
+        r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
+        r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
+        r20, r21, r22 = rot[2, 0], rot[2, 1], rot[2, 2]
+        sx, sy, sz = shift[0], shift[1], shift[2]
+        bad = 0
+        for i in range(x.shape[0]):
+            px, py, pz = x[i] - sx, y[i] - sy, z[i] - sz
+            dl, dm, dn = l[i], m[i], n[i]
+            if turned:
+                dx, dy, dz, el, em, en = px, py, pz, dl, dm, dn
+                px = r00 * dx + r01 * dy + r02 * dz
+                py = r10 * dx + r11 * dy + r12 * dz
+                pz = r20 * dx + r21 * dy + r22 * dz
+                dl = r00 * el + r01 * em + r02 * en
+                dm = r10 * el + r11 * em + r12 * en
+                dn = r20 * el + r21 * em + r22 * en
+                l[i] = dl
+                m[i] = dm
+                n[i] = dn
+            # To the vertex plane first: the root near the vertex is then the small one, found without cancellation.
+            t = -pz / dn
+            x0 = px + t * dl
+            y0 = py + t * dm
+            z0 = 0.0
+            missed = not abs(t) < np.inf  # a ray along the vertex plane
+            if shape != PLANE:
+                c0 = curvature * (x0 * x0 + y0 * y0)
+                b0 = dn - curvature * (x0 * dl + y0 * dm)
+                a0 = curvature if shape == SPHERE else curvature * (1.0 + conic * dn * dn)
+                disc = b0 * b0 - a0 * c0
+                root = np.sqrt(max(disc, 0.0))
+                t1 = c0 / (b0 + (root if dn > 0.0 else -root))
+                x0 += t1 * dl
+                y0 += t1 * dm
+                z0 = t1 * dn
+                t += t1
+                # Not "disc < 0": a ray along the vertex plane makes NaN of it.
+                missed = not disc >= 0.0
+            x[i] = x0
+            y[i] = y0
+            z[i] = z0
+            way[i] = np.nan if missed else t
+            opl[i] += index * t
+            bad += int(missed | (t < 0.0) | (side * dn < 0.0))
+        return bad
+
+    return meet
+
+
+_meet_plane, _meet_plane_turned = _meeting(False, PLANE), _meeting(True, PLANE)
+_meet_sphere, _meet_sphere_turned = _meeting(False, SPHERE), _meeting(True, SPHERE)
+_meet_conic, _meet_conic_turned = _meeting(False, CONIC), _meeting(True, CONIC)
+
+
 @njit(**_JIT)
-def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic, index, code):  # noqa: E741
-    """Move a slice into the next local frame and onto its surface (in place); ``way`` is how far each ray went."""
-    r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
-    r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
-    r20, r21, r22 = rot[2, 0], rot[2, 1], rot[2, 2]
-    sx, sy, sz = shift[0], shift[1], shift[2]
-    for i in range(x.shape[0]):
-        dx, dy, dz = x[i] - sx, y[i] - sy, z[i] - sz
-        px = r00 * dx + r01 * dy + r02 * dz
-        py = r10 * dx + r11 * dy + r12 * dz
-        pz = r20 * dx + r21 * dy + r22 * dz
-        dl = r00 * l[i] + r01 * m[i] + r02 * n[i]
-        dm = r10 * l[i] + r11 * m[i] + r12 * n[i]
-        dn = r20 * l[i] + r21 * m[i] + r22 * n[i]
-        # To the vertex plane first: the root near the vertex is then the small one, found without cancellation.
-        t0 = -pz / dn
-        x0 = px + t0 * dl
-        y0 = py + t0 * dm
-        c0 = curvature * (x0 * x0 + y0 * y0)
-        b0 = dn - curvature * (x0 * dl + y0 * dm)
-        a0 = curvature * (1.0 + conic * dn * dn)
-        disc = b0 * b0 - a0 * c0
-        root = np.sqrt(max(disc, 0.0))
-        t1 = c0 / (b0 + (root if dn > 0.0 else -root))
-        t = t0 + t1
-        x[i] = x0 + t1 * dl
-        y[i] = y0 + t1 * dm
-        z[i] = t1 * dn
-        l[i] = dl
-        m[i] = dm
-        n[i] = dn
-        way[i] = t
-        opl[i] += index * t
-        # Not "disc < 0": a ray along the vertex plane makes NaN of it.
-        trouble = code + MISS if not disc >= 0.0 else (code + BACKWARD if t < 0.0 else 0)
-        status[i] = trouble if status[i] == 0 else status[i]
+def move_on(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side):  # noqa: E741
+    """Move a slice into the next local frame and onto its surface (in place): number of rays in trouble there.
+
+    ``way`` is how far each ray went: not finite for those that miss, negative for virtual ones.
+    """
+    turned = rot[0, 0] != 1.0 or rot[1, 1] != 1.0 or rot[2, 2] != 1.0
+    rest = way, opl, rot, shift, curvature, conic, index, side
+    if curvature == 0.0:
+        if turned:
+            bad = _meet_plane_turned(x, y, z, l, m, n, *rest)
+        else:
+            bad = _meet_plane(x, y, z, l, m, n, *rest)
+    elif conic == 0.0:
+        if turned:
+            bad = _meet_sphere_turned(x, y, z, l, m, n, *rest)
+        else:
+            bad = _meet_sphere(x, y, z, l, m, n, *rest)
+    elif turned:
+        bad = _meet_conic_turned(x, y, z, l, m, n, *rest)
+    else:
+        bad = _meet_conic(x, y, z, l, m, n, *rest)
+    return bad
+
+
+@njit(**_JIT)
+def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic, index, side, code):  # noqa: E741
+    """``move_on``, and the status of those in trouble."""
+    bad = move_on(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side)
+    if bad > 0:  # seldom, and kept out of the loops above for that
+        for i in range(x.shape[0]):
+            if status[i] == 0:
+                if not abs(way[i]) < np.inf:
+                    status[i] = code + MISS
+                elif side * n[i] < 0.0:
+                    status[i] = code + WRONG_SIDE
+                elif way[i] < 0.0:
+                    status[i] = code + BACKWARD
 
 
 @njit(**_JIT)
@@ -121,39 +191,79 @@ def _tangent_bend(x, y, z, l, m, n, dx, dy, dz, dl, dm, dn, curvature, conic, n1
         dn[i] = keep * dn[i] + dg * nz + g * uz
 
 
+def _bending(shape: int):
+    """Compile refraction and reflection of a slice at surfaces of one shape."""
+
+    @njit(**_JIT)
+    def bend(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect):  # noqa: E741
+        k1 = curvature * (1.0 + conic)
+        ratio = n1 / n2
+        keep = 1.0 if reflect else ratio
+        bad = 0
+        for i in range(x.shape[0]):
+            nx, ny, nz = 0.0, 0.0, 1.0
+            cosi = n[i]
+            if shape != PLANE:
+                nx, ny, nz = -curvature * x[i], -curvature * y[i], 1.0 - k1 * z[i]
+                if shape == CONIC:  # on a sphere this is a unit vector
+                    norm = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz)
+                    nx *= norm
+                    ny *= norm
+                    nz *= norm
+                cosi = l[i] * nx + m[i] * ny + n[i] * nz
+            disc = 1.0 - ratio * ratio * (1.0 - cosi * cosi)
+            cost = np.sqrt(max(disc, 0.0))
+            cost = cost if cosi > 0.0 else -cost
+            g = -2.0 * cosi if reflect else cost - ratio * cosi
+            l[i] = keep * l[i] + g * nx
+            m[i] = keep * m[i] + g * ny
+            n[i] = keep * n[i] + g * nz
+            cos_in[i] = abs(cosi)
+            cos_out[i] = abs(cost)
+            bad += int(disc < 0.0)
+        return bad
+
+    return bend
+
+
+_bend_plane, _bend_sphere, _bend_conic = _bending(PLANE), _bending(SPHERE), _bending(CONIC)
+
+
 @njit(**_JIT)
-def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):  # noqa: E741
-    """Refract or reflect a slice at the surface point it stands on (in place).
+def turn(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect):  # noqa: E741
+    """Refract or reflect a slice at the surface point it stands on (in place): how many lie beyond the critical angle.
 
     Leaves the cosines of incidence and refraction: Fresnel's reflectance needs the second one, too.
     """
-    k1 = 1.0 + conic
-    ratio = n1 / n2
-    keep = 1.0 if reflect else ratio
-    for i in range(x.shape[0]):
-        nx = -curvature * x[i]
-        ny = -curvature * y[i]
-        nz = 1.0 - curvature * k1 * z[i]
-        norm = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz)
-        nx *= norm
-        ny *= norm
-        nz *= norm
-        cosi = l[i] * nx + m[i] * ny + n[i] * nz
-        disc = 1.0 - ratio * ratio * (1.0 - cosi * cosi)
-        cost = np.sqrt(max(disc, 0.0))
-        cost = cost if cosi > 0.0 else -cost
-        g = -2.0 * cosi if reflect else cost - ratio * cosi
-        l[i] = keep * l[i] + g * nx
-        m[i] = keep * m[i] + g * ny
-        n[i] = keep * n[i] + g * nz
-        cos_in[i] = abs(cosi)
-        cos_out[i] = abs(cost)
-        trouble = code + TIR if disc < 0.0 and not reflect else 0
-        status[i] = trouble if status[i] == 0 else status[i]
+    rest = cos_in, cos_out, curvature, conic, n1, n2, reflect
+    if curvature == 0.0:
+        bad = _bend_plane(x, y, z, l, m, n, *rest)
+    elif conic == 0.0:
+        bad = _bend_sphere(x, y, z, l, m, n, *rest)
+    else:
+        bad = _bend_conic(x, y, z, l, m, n, *rest)
+    return bad
 
 
 @njit(**_JIT)
-def _clear(x, y, clearance, ap):
+def reflected_totally(cos_in, n1, n2):
+    """Whether nothing is refracted at this cosine of incidence."""
+    ratio = n1 / n2
+    return 1.0 - ratio * ratio * (1.0 - cos_in * cos_in) < 0.0
+
+
+@njit(**_JIT)
+def _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature, conic, n1, n2, reflect, code):  # noqa: E741
+    """``turn``, and the status of those that cannot be refracted."""
+    bad = turn(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect)
+    if bad > 0 and not reflect:
+        for i in range(x.shape[0]):
+            if status[i] == 0 and reflected_totally(cos_in[i], n1, n2):
+                status[i] = code + TIR
+
+
+@njit(**_JIT)
+def clear(x, y, clearance, ap):
     """Lower the running clearance of a slice by one aperture (1 at its centre, 0 at its edge)."""
     if ap[0] == 1.0:
         inv = 1.0 / (ap[1] * ap[1])
@@ -193,7 +303,7 @@ def clearance_rows(aperture, foot):
 
 
 @njit(**_JIT)
-def _fresnel(power, cos_in, cos_out, n1, n2, reflect):
+def fresnel(power, cos_in, cos_out, n1, n2, reflect):
     """Multiply a slice's power by the unpolarised Fresnel reflectance or transmittance of a bare face.
 
     At total internal reflection cos_out is 0, and the reflectance 1.
@@ -208,12 +318,48 @@ def _fresnel(power, cos_in, cos_out, n1, n2, reflect):
 
 
 @njit(**_JIT)
-def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, weight, bare, aperture, rays, tangent, opl, power,
+def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, x, y, z, l, m, n,  # noqa: E741
+           tangent, opl, power, status, clearance, foot, way, cos_in, cos_out):  # fmt: skip
+    """Carry one slice through all surfaces, in place: arguments as in ``trace_sequence``, of the slice's length.
+
+    way, cos_in, cos_out: room to work in.
+    """
+    factor = 1.0
+    for k in range(curvature.shape[0]):
+        code = KINDS * (k + 1)
+        reflect = mode[k] == REFLECT
+        bends = reflect or n1[k] != n2[k]
+        _to_surface(x, y, z, l, m, n, way, opl, status, rot[k], shift[k], curvature[k], conic[k], n1[k], side[k], code)
+        for t in range(tangent.shape[0]):
+            d = tangent[t]
+            _tangent_to_surface(x, y, z, l, m, n, way, d[0], d[1], d[2], d[3], d[4], d[5], rot[k], curvature[k],
+                                conic[k])  # fmt: skip
+            if bends:
+                _tangent_bend(x, y, z, l, m, n, d[0], d[1], d[2], d[3], d[4], d[5], curvature[k], conic[k], n1[k],
+                              n2[k], reflect)  # fmt: skip
+        clear(x, y, clearance, aperture[k])
+        if foot.shape[0] > 0:
+            foot[k, 0] = x
+            foot[k, 1] = y
+        if bends:
+            _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, code)
+        if bare[k] == 1:
+            if bends:  # between like media a bare face is none
+                fresnel(power, cos_in, cos_out, n1[k], n2[k], reflect)
+        else:
+            factor *= weight[k]
+    for i in range(power.shape[0]):
+        power[i] *= factor
+
+
+@njit(**_JIT)
+def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, rays, tangent, opl, power,
                    status, clearance, foot):  # fmt: skip
     """Trace rays through K surfaces in order, in place.
 
     rot (K, 3, 3), shift (K, 3): from the frame before to the local frame, v' = rot·(v − shift); metres.
     curvature (K,) 1/m, conic (K,), n1, n2 (K,) indices before and after, mode (K,) REFRACT or REFLECT,
+    side (K,) 1.0 where light has to come along the local +z, −1.0 where against it, 0.0 where either will do,
     weight (K,) power factor of the coating, bare (K,) 1 where Fresnel's unpolarised factor holds,
     aperture (K, APERTURE_COLUMNS).
     rays (6, N): x, y, z in m and direction cosines; on return in the frame of the last surface.
@@ -223,39 +369,50 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, weight, bare, ape
     """
     count = rays.shape[1]
     step = SLICE if tangent.shape[0] == 0 else TANGENT_SLICE
-    cos_in = np.empty(step)
-    cos_out = np.empty(step)
-    way = np.empty(step)
+    room = np.empty((3, step + PAD))
     for first in range(0, count, step):
-        last = min(first + step, count)
-        width = last - first
-        x, y, z = rays[0, first:last], rays[1, first:last], rays[2, first:last]
-        l, m, n = rays[3, first:last], rays[4, first:last], rays[5, first:last]  # noqa: E741
-        for k in range(curvature.shape[0]):
-            code = 4 * (k + 1)
-            reflect = mode[k] == REFLECT
-            bends = reflect or n1[k] != n2[k]
-            _to_surface(x, y, z, l, m, n, way[:width], opl[first:last], status[first:last], rot[k], shift[k],
-                        curvature[k], conic[k], n1[k], code)  # fmt: skip
-            for t in range(tangent.shape[0]):
-                dx, dy, dz = tangent[t, 0, first:last], tangent[t, 1, first:last], tangent[t, 2, first:last]
-                dl, dm, dn = tangent[t, 3, first:last], tangent[t, 4, first:last], tangent[t, 5, first:last]
-                _tangent_to_surface(x, y, z, l, m, n, way, dx, dy, dz, dl, dm, dn, rot[k], curvature[k], conic[k])
-                if bends:
-                    _tangent_bend(x, y, z, l, m, n, dx, dy, dz, dl, dm, dn, curvature[k], conic[k], n1[k], n2[k],
-                                  reflect)  # fmt: skip
-            _clear(x, y, clearance[first:last], aperture[k])
-            if foot.shape[0] > 0:
-                foot[k, 0, first:last] = x
-                foot[k, 1, first:last] = y
-            if bends:
-                _bend(x, y, z, l, m, n, cos_in[:width], cos_out[:width], status[first:last], curvature[k], conic[k],
-                      n1[k], n2[k], reflect, code)  # fmt: skip
-            if bare[k] == 1:
-                _fresnel(power[first:last], cos_in[:width], cos_out[:width], n1[k], n2[k], reflect)
-            else:
-                for i in range(first, last):
-                    power[i] *= weight[k]
+        s, w = slice(first, min(first + step, count)), slice(0, min(step, count - first))
+        _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, rays[0, s], rays[1, s],
+               rays[2, s], rays[3, s], rays[4, s], rays[5, s], tangent[:, :, s], opl[s], power[s], status[s],
+               clearance[s], foot[:, :, s], room[0, w], room[1, w], room[2, w])  # fmt: skip
+
+
+@njit(**_JIT)
+def start(p, theta, first, back_off, index, x, y, z, l, m, n, opl):  # noqa: E741
+    """Start a slice of a fan from its ray ``first`` on: as ``launch``, with theta (N, 2) or (1, 2)."""
+    one = theta.shape[0] == 1
+    for i in range(x.shape[0]):
+        j = 0 if one else first + i
+        dl, dm = theta[j, 0], theta[j, 1]
+        dn = np.sqrt(1.0 - dl * dl - dm * dm)
+        x[i], y[i], z[i] = p[first + i, 0] - back_off * dl, p[first + i, 1] - back_off * dm, -back_off * dn
+        l[i], m[i], n[i] = dl, dm, dn
+        opl[i] = -back_off * index
+
+
+@njit(**_JIT)
+def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, back_off, p, theta, begin, end,
+              ends, status):  # fmt: skip
+    """Launch rays ``begin`` to ``end`` of a fan as ``launch`` does, trace them as ``trace_sequence`` does, and keep
+    where they end.
+
+    p (N, 2); theta (N, 2), or (1, 2) for one direction. Receive ends (7, N): x, y, direction cosines along x and y,
+    path length, power, clearance; status (N,). A slice is launched, traced and written while it is in the nearest
+    cache: large arrays are written once, and not read.
+    """
+    room = np.empty((12, SLICE + PAD))
+    tangent, foot = np.empty((0, 6, SLICE)), np.empty((0, 2, SLICE))
+    for first in range(begin, end, SLICE):
+        width = min(SLICE, end - first)
+        w, s = slice(0, width), slice(first, first + width)
+        x, y, z, l, m, n = room[0, w], room[1, w], room[2, w], room[3, w], room[4, w], room[5, w]  # noqa: E741
+        opl, power, clearance, state = room[6, w], room[7, w], room[8, w], status[s]
+        start(p, theta, first, back_off, n1[0], x, y, z, l, m, n, opl)
+        power[:], clearance[:], state[:] = 1.0, np.inf, 0
+        _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, x, y, z, l, m, n, tangent, opl,
+               power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
+        ends[0, s], ends[1, s], ends[2, s], ends[3, s] = x, y, l, m
+        ends[4, s], ends[5, s], ends[6, s] = opl, power, clearance
 
 
 @njit(**_JIT)
@@ -285,8 +442,8 @@ def launch(p, theta, back_off, index, first, rays, tangent, opl):
 
 
 @njit(**_JIT)
-def aim_rays(rot, shift, curvature, conic, n1, n2, mode, weight, bare, aperture, back_off, p, target, theta, tolerance,
-             longest, rounds, rays, tangent, opl, power, status, clearance, foot):  # fmt: skip
+def aim_rays(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, back_off, p, target, theta,
+             tolerance, longest, rounds, rays, tangent, opl, power, status, clearance, foot):  # fmt: skip
     """Newton's method for the directions with which rays from p (N, 2) end on ``target`` (2,; m).
 
     Sequence as in ``trace_sequence``. theta (N, 2): first guess, changed in place; tolerance, m, of where a ray ends;
@@ -309,7 +466,7 @@ def aim_rays(rot, shift, curvature, conic, n1, n2, mode, weight, bare, aperture,
         status_now = np.zeros(left, dtype=np.int64)
         foot_now = np.empty((foot.shape[0], 2, left))
         launch(p_now, theta_now, back_off, n1[0], 0, rays_now, tangent_now, opl_now)
-        trace_sequence(rot, shift, curvature, conic, n1, n2, mode, weight, bare, aperture, rays_now, tangent_now,
+        trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, rays_now, tangent_now,
                        opl_now, power_now, status_now, clear_now, foot_now)  # fmt: skip
         still = 0
         for j in range(left):
@@ -318,7 +475,7 @@ def aim_rays(rot, shift, curvature, conic, n1, n2, mode, weight, bare, aperture,
             tangent[:, :, i] = tangent_now[:, :, j]
             opl[i], power[i], status[i], clearance[i] = opl_now[j], power_now[j], status_now[j], clear_now[j]
             miss_x, miss_y = target[0] - rays_now[0, j], target[1] - rays_now[1, j]
-            valid = (status[i] == 0 or status[i] % 4 == BACKWARD) and np.isfinite(opl[i])
+            valid = (status[i] == 0 or status[i] % KINDS >= BACKWARD) and np.isfinite(opl[i])
             # A ray that has no end, or one a metre away, says nothing of where to aim.
             if not (valid and miss_x * miss_x + miss_y * miss_y < 1.0):
                 continue
@@ -387,7 +544,7 @@ def count_caustics(rot, shift, curvature, conic, n1, n2, mode, first, rays, tang
                 for row in range(3):
                     base[t, axis] += tangent[t, row, 0] * across[axis, row]
                     rate[t, axis] += tangent[t, 3 + row, 0] * across[axis, row]
-        _to_surface(x, y, z, l, m, n, way, opl, status, rot[k], shift[k], curvature[k], conic[k], n1[k], 4)
+        _to_surface(x, y, z, l, m, n, way, opl, status, rot[k], shift[k], curvature[k], conic[k], n1[k], 0.0, KINDS)
         if k > first:
             # A virtual ray runs backwards.
             found += _zeros(base, rate if way[0] > 0.0 else -rate, abs(way[0]))
@@ -397,5 +554,5 @@ def count_caustics(rot, shift, curvature, conic, n1, n2, mode, first, rays, tang
             dl, dm, dn = tangent[t, 3], tangent[t, 4], tangent[t, 5]
             _tangent_to_surface(x, y, z, l, m, n, way, dx, dy, dz, dl, dm, dn, rot[k], curvature[k], conic[k])
             _tangent_bend(x, y, z, l, m, n, dx, dy, dz, dl, dm, dn, curvature[k], conic[k], n1[k], n2[k], reflect)
-        _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, 4)
+        _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, KINDS)
     return found

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cgi_wave.errors import EmptyBeamError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.disc import NODES, disc, monomials, rim
-from cgi_wave.rays.paths import PROBES, Path, pupil_probes
+from cgi_wave.rays.paths import Path, pupil_probes
 from cgi_wave.rays.trace import (
     Aimed,
     Sequence,
@@ -100,7 +100,7 @@ def _linear_guess(sequence: Sequence, x0: Array, start: Array) -> Guess:
 @lru_cache(maxsize=4096)
 def _arriving(system: OpticalSystem, path: Path) -> tuple[Array, Array]:
     """Probes of the path search that arrive: (pupil point, direction) (P, 4) and where they end (P, 2), m."""
-    p, theta = pupil_probes(system, PROBES)
+    p, theta = pupil_probes(system, path.probes)
     traced = trace(compile_sequence(system, path, system.sigma0), p, theta)
     return np.column_stack([p, theta])[traced.passes], traced.x[traced.passes]
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
+from cgi_wave.kernels import search as walk
 from cgi_wave.kernels import trace as kernel
-from cgi_wave.kernels.search import REFLECT, REFRACT, search_paths
 from cgi_wave.optics.system import OpticalSystem
 
 Interaction = Literal["transmit", "reflect"]
@@ -50,6 +50,11 @@ class Path:
 
     def __str__(self) -> str:
         return " ".join(f"{name}:r" if act == "reflect" else name for name, act in self.steps)
+
+    @property
+    def probes(self) -> int:
+        """How many probes hold the one that found the path: PROBES, or the power of two that does."""
+        return max(PROBES, 1 << max(self.probe, 0).bit_length())
 
     @property
     def label(self) -> str:
@@ -113,6 +118,29 @@ def probe_rays(system: OpticalSystem, count: int, seed: int = 1) -> NDArray[np.f
     return np.ascontiguousarray(np.concatenate([start @ axes + origin, d @ axes], axis=1).T)
 
 
+@dataclass(frozen=True)
+class Search:
+    """What a search found, and what it cost.
+
+    paths: see ``find_paths``; visits: interactions tried, each with all probes that had come so far. Branches ended by
+    order, splits, power: that limit; by unreachable: no way leads to the detector within order and splits; by bound:
+    one does, but not with ``min_power``; by lost: no probe survived the interaction (total reflection); by left: no
+    probe met a surface again. wrong_side: probes stopped since they met a surface from the side of another space than
+    theirs.
+    """
+
+    paths: tuple[Path, ...]
+    visits: int
+    order: int
+    splits: int
+    power: int
+    unreachable: int
+    bound: int
+    lost: int
+    left: int
+    wrong_side: int
+
+
 def find_paths(
     system: OpticalSystem,
     max_order: int = 2,
@@ -124,9 +152,25 @@ def find_paths(
 
     min_power: coating power, relative to the nominal beams together, below which a branch is not followed. The
     default keeps whatever could reach 1e-4 of the modulation in amplitude. A path is found if one of ``probes`` rays
-    (even over pupil and field) reaches the detector on it.
+    (even over pupil and field; a power of two) reaches the detector on it. More probes find what fewer found, and more.
 
     Raises EmptyBeamError if no nominal path exists, MethodLimitError if the search overflows.
+    """
+    return explore(system, max_order, max_splits, min_power, probes).paths
+
+
+def explore(
+    system: OpticalSystem,
+    max_order: int = 2,
+    max_splits: int = 3,
+    min_power: float = 1e-9,
+    probes: int = PROBES,
+    prune: bool = True,
+) -> Search:
+    """``find_paths`` with the statistics of the search.
+
+    prune: end branches of which nothing can reach the detector within order, splits and power, by a bound from the
+    spaces alone. It changes what the search costs, not what it finds.
     """
     surfaces = system.surfaces
     members, start = _bounds(system)
@@ -138,21 +182,27 @@ def find_paths(
     power_t = np.array([1.0 if s.coating.bare else s.coating.transmittance for s in surfaces])
     power_r = np.array([_bare_reflectance(s, index) if s.coating.bare else s.coating.reflectance for s in surfaces])
 
+    sides = np.array([[s.before, s.after] for s in surfaces])
+    graph = (sides, start, members)
+    costs = (power_t, power_r, extra_t, extra_r, np.zeros_like(extra_t), extra_r, system.detector)
+
     def search(order: int, splits: int, least: float):  # type: ignore[no-untyped-def]
-        return search_paths(
+        reach = walk.reach_table(*graph, *costs, order, splits)
+        return walk.search_paths(
             probe_rays(system, probes), system.spaces.index(system.document.entrance.space),
             np.array([s.rotation for s in surfaces]), np.array([s.origin for s in surfaces]),
             np.array([s.curvature for s in surfaces]), np.array([s.conic for s in surfaces]),
-            np.array([s.aperture for s in surfaces]), np.array([[s.before, s.after] for s in surfaces]),
-            start, members, index, power_t, power_r, extra_t, extra_r, np.zeros_like(extra_t), extra_r,
-            system.detector, order, splits, least, MAX_DEPTH, MAX_PATHS,
+            np.array([s.aperture for s in surfaces]), *graph, index, *costs,
+            reach if prune else np.ones_like(reach), order, splits, least, MAX_DEPTH, MAX_PATHS,
         )  # fmt: skip
 
     first = search(0, 0, 1e-12)
     if len(first[0]) == 0:
         raise EmptyBeamError(f"{system.file}: band {system.band}: no nominal path reaches the detector")
     input_power, nominal_power = float(np.sum(first[5])), float(np.sum(first[5] * first[2]))
-    rows, lengths, counts, arrived, opl, powers, _, _, overflow = search(max_order, max_splits, min_power * input_power)
+    rows, lengths, counts, arrived, opl, powers, _, visits, ends, wrong, overflow = search(
+        max_order, max_splits, min_power * input_power
+    )
     if overflow:
         raise MethodLimitError(
             "path search", f"{MAX_PATHS} paths or {MAX_DEPTH} surfaces", 1.0, "raise min_power or lower max_order"
@@ -174,7 +224,11 @@ def find_paths(
     for k, path in enumerate(ordered):
         seen[path.label] += 1
         ordered[k] = replace(path, twin=seen[path.label])
-    return tuple(ordered)
+    return Search(
+        tuple(ordered), int(visits), order=int(ends[walk.ORDER]), splits=int(ends[walk.SPLITS]),
+        power=int(ends[walk.POWER]), unreachable=int(ends[walk.UNREACHABLE]), bound=int(ends[walk.BOUND]),
+        lost=int(ends[walk.LOST]), left=int(ends[walk.LEFT]), wrong_side=int(wrong),
+    )  # fmt: skip
 
 
 def _bounds(system: OpticalSystem) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -193,4 +247,4 @@ def _bare_reflectance(surface, index: NDArray[np.float64]) -> float:  # type: ig
 
 
 # The search returns 2·surface + interaction, and both kernels mean the same by an interaction.
-assert (REFRACT, REFLECT) == (kernel.REFRACT, kernel.REFLECT) == (0, 1)
+assert (walk.REFRACT, walk.REFLECT) == (kernel.REFRACT, kernel.REFLECT) == (0, 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,19 +13,30 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError
 from cgi_wave.kernels.trace import (
     BACKWARD,
+    KINDS,
     MISS,
     REFLECT,
     REFRACT,
+    SLICE,
     TIR,
+    WRONG_SIDE,
     aim_rays,
     count_caustics,
     launch,
+    trace_fan,
     trace_sequence,
 )
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
 
 Array = NDArray[np.float64]
+#: Kinds of trouble in words that the name of a surface follows.
+WORDS = {
+    MISS: "missed",
+    TIR: "total internal reflection at",
+    BACKWARD: "virtual at",
+    WRONG_SIDE: "on the wrong side of",
+}
 
 
 @dataclass(frozen=True)
@@ -40,6 +53,7 @@ class Sequence:
     n1: Array
     n2: Array
     mode: NDArray[np.int64]
+    side: Array
     weight: Array
     bare: NDArray[np.int64]
     aperture: Array
@@ -51,16 +65,16 @@ class Sequence:
     def kernel(self):  # type: ignore[no-untyped-def]
         """The arrays as ``kernels.trace`` takes them."""
         return (
-            self.rot, self.shift, self.curvature, self.conic, self.n1, self.n2, self.mode, self.weight, self.bare,
-            self.aperture,
+            self.rot, self.shift, self.curvature, self.conic, self.n1, self.n2, self.mode, self.side, self.weight,
+            self.bare, self.aperture,
         )  # fmt: skip
 
     def upto(self, count: int) -> Sequence:
         """The first ``count`` surfaces of the sequence."""
         return Sequence(
             self.rot[:count], self.shift[:count], self.curvature[:count], self.conic[:count], self.n1[:count],
-            self.n2[:count], self.mode[:count], self.weight[:count], self.bare[:count], self.aperture[:count],
-            self.phase, self.names[:count], self.back_off,
+            self.n2[:count], self.mode[:count], self.side[:count], self.weight[:count], self.bare[:count],
+            self.aperture[:count], self.phase, self.names[:count], self.back_off,
         )  # fmt: skip
 
 
@@ -94,7 +108,7 @@ class Traced:
     @property
     def valid(self) -> NDArray[np.bool_]:
         """Rays that have an intersection everywhere (apertures and virtual surfaces disregarded)."""
-        return ((self.status == 0) | (self.status % 4 == BACKWARD)) & np.isfinite(self.opl)
+        return ((self.status == 0) | (self.status % KINDS >= BACKWARD)) & np.isfinite(self.opl)
 
 
 @dataclass(frozen=True)
@@ -108,6 +122,7 @@ class _Route:
     before: NDArray[np.int64]
     after: NDArray[np.int64]
     mode: NDArray[np.int64]
+    side: Array
     weight: Array
     bare: NDArray[np.int64]
     aperture: Array
@@ -131,7 +146,7 @@ def _poses(system: OpticalSystem) -> tuple[Array, Array]:
 def _route(system: OpticalSystem, path: Path) -> _Route:
     surfaces = system.surfaces
     space = system.spaces.index(system.document.entrance.space)
-    numbers, before, after, mode, weight, bare, flips = [], [], [], [], [], [], []
+    numbers, before, after, mode, side, weight, bare, flips = [], [], [], [], [], [], [], []
     phase = 0.0
     steps = [*path.steps, (surfaces[system.detector].name, "absorb")]
     for k, (name, act) in enumerate(steps):
@@ -142,6 +157,7 @@ def _route(system: OpticalSystem, path: Path) -> _Route:
             raise InputError("path", name, str(path), problem, "give the steps in the order in which light meets them")
         other = surface.after if space == surface.before else surface.before
         numbers.append(number)
+        side.append(0.0 if surface.before == surface.after else 1.0 if space == surface.before else -1.0)
         before.append(space)
         coating = surface.coating
         mode.append(REFLECT if act == "reflect" else REFRACT)
@@ -167,7 +183,7 @@ def _route(system: OpticalSystem, path: Path) -> _Route:
     return _Route(
         rot[start, numbers], shift[start, numbers], np.array([surfaces[k].curvature for k in numbers]),
         np.array([surfaces[k].conic for k in numbers]), np.array(before), np.array(after),
-        np.array(mode, dtype=np.int64), np.array(weight), np.array(bare, dtype=np.int64),
+        np.array(mode, dtype=np.int64), np.array(side), np.array(weight), np.array(bare, dtype=np.int64),
         np.array([surfaces[k].aperture for k in numbers]), float(phase), np.array(flips, dtype=np.int64),
         tuple(name for name, _ in steps), system.document.entrance.back_off_mm * 1e-3,
     )  # fmt: skip
@@ -181,17 +197,42 @@ def compile_sequence(system: OpticalSystem, path: Path, sigma: float) -> Sequenc
     # A bare face turns the phase of what it reflects by π if light comes from the thinner medium.
     phase = route.phase + np.pi * int((n2[route.flips] > n1[route.flips]).sum())
     return Sequence(
-        route.rot, route.shift, route.curvature, route.conic, n1, n2, route.mode, route.weight, route.bare,
+        route.rot, route.shift, route.curvature, route.conic, n1, n2, route.mode, route.side, route.weight, route.bare,
         route.aperture, phase, route.names, route.back_off,
     )  # fmt: skip
 
 
-def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False) -> Traced:
+def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False, threads: int = 1) -> Traced:
     """Trace rays from entrance-pupil points along a sequence.
 
     p : (N, 2) m in the entrance pupil plane; theta : (N, 2) or (2,) direction cosines of the incoming light there.
+    threads : how many share the rays; the result does not depend on it. Footprints are traced on one.
     """
-    return _run(sequence, p, theta, footprints)[0]
+    if footprints:
+        return _run(sequence, p, theta, footprints)[0]
+    count = len(p)
+    ends, status = np.empty((7, count)), np.empty(count, dtype=np.int64)
+    start, direction = np.ascontiguousarray(p), np.ascontiguousarray(np.atleast_2d(theta))
+
+    def part(begin: int, end: int) -> None:
+        trace_fan(*sequence.kernel, sequence.back_off, start, direction, begin, end, ends, status)
+
+    share_out(part, count, threads)
+    return Traced(ends[:2].T, ends[2:4].T, ends[4], ends[5], ends[6], status, np.empty((0, 2, count)))
+
+
+def share_out(part: Callable[[int, int], None], count: int, threads: int) -> None:
+    """Call ``part(begin, end)`` for ranges that make up 0 … count; threads fetch the next one when they are done."""
+    if threads < 1:
+        raise InputError("trace", "threads", threads, "is no number of threads", "give 1 or more")
+    # Ranges begin at whole slices, so that every ray has the same place in its slice whoever traces it.
+    length = SLICE * max(1, -(-count // (SLICE * 8 * threads)))
+    if threads == 1 or count <= length:
+        part(0, count)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(part, begin, min(begin + length, count)) for begin in range(0, count, length)]:
+            done.result()
 
 
 def _run(sequence: Sequence, p: Array, theta: Array, footprints: bool, of: str = "") -> tuple[Traced, Array]:
@@ -209,10 +250,9 @@ def _run(sequence: Sequence, p: Array, theta: Array, footprints: bool, of: str =
 
 def trouble(sequence: Sequence, traced: Traced) -> dict[str, int]:
     """Counts of what stopped rays, by kind and surface, e.g. ``{"total internal reflection at L5_back": 12}``."""
-    words = {MISS: "missed", TIR: "total internal reflection at", BACKWARD: "virtual at"}
     counts: dict[str, int] = {}
     for code in traced.status[traced.status > 0]:
-        key = f"{words[int(code) % 4]} {sequence.names[int(code) // 4 - 1]}"
+        key = f"{WORDS[int(code) % KINDS]} {sequence.names[int(code) // KINDS - 1]}"
         counts[key] = counts.get(key, 0) + 1
     return counts
 

@@ -46,6 +46,9 @@ def write(
             for suffix in TABLE_SUFFIXES:
                 files.append(f"{name}-ghosts{suffix}")
                 tables.write_ghosts(folder / files[-1], band.ghosts, provenance, suffix)
+            for part in ("surfaces", "families"):
+                files.append(f"{name}-{part}.csv")
+                tables.write_ghosts(folder / files[-1], band.costs[part], provenance, ".csv")
             files.append(f"{name}-psi.json")
             interferograms = [psi_document(band, index) for index in range(len(band.fields))]
             _text(folder / files[-1], to_json({"band": name, "fields": interferograms, "provenance": provenance}))
@@ -55,6 +58,7 @@ def write(
                     "about": _about(band),
                     "table1": band.table1,
                     "ghosts": band.ghosts,
+                    "costs": band.costs,
                     "pictures": drawn[name].result(),
                     "plan": str(band.plan),
                 }

@@ -51,6 +51,26 @@ GHOST_COLUMNS = (
 )
 
 
+SURFACE_COLUMNS = (
+    Column("name", "surface", form="s"),
+    Column("coating", "coating", form="s"),
+    Column("ghosts", "ghosts", form="d"),
+    Column("power", "power / % of nominal", 1e2),
+    Column("power_share", "its share / %", 1e2),
+    Column("contrast_nominal", "|J| with nominal"),
+    Column("contrast_family", "|J| in its family"),
+    Column("contrast", "|γ| with nominal"),
+    Column("share_offset", "O/B, share / %", 1e2),
+    Column("share_modulation", "M*/M, share / %", 1e2),
+    Column("share_nma", "NMA error, share / %", 1e2),
+    Column("removed_nma", "falls by, if removed / %", 1e2),
+    Column("removed_nma_error", "± / %", 1e2, ".1e"),
+    Column("alone_nma", "is, alone / %", 1e2),
+    Column("alone_nma_error", "± / %", 1e2, ".1e"),
+)
+"""Columns of what surfaces cost; those of families are the same without the coating."""
+
+
 TABLE1_ROWS = {
     "offset_over_baseline": "baseline offset O/B",
     "parasitic_over_modulation": "parasitic modulation M*/M",
@@ -83,6 +103,7 @@ def render(document: Mapping[str, Any]) -> str:
           ``printed`` (or None), each {``mean``, ``spread``, ``error``}; ``fields``, how many; ``why``, text or None;
           ``why_rows``, a sentence per printed row, or None
         * ``ghosts``: rows with the keys of ``GHOST_COLUMNS``, and ``path``, which unfolds under the label
+        * ``costs``: of ``budget.cost_table.cost_table``
         * ``pictures``: list of {``file``, ``caption``}
         * ``plan``: text shown as it stands, or ""
     """
@@ -97,8 +118,17 @@ def render(document: Mapping[str, Any]) -> str:
     )
     environment.filters["mean_spread"] = mean_spread
     return environment.get_template("index.html").render(
-        columns=GHOST_COLUMNS, table1_rows=TABLE1_ROWS, facts=list(_flat(document["provenance"])), **document
+        columns=GHOST_COLUMNS,
+        cost_columns=_cost_columns(),
+        table1_rows=TABLE1_ROWS,
+        facts=list(_flat(document["provenance"])),
+        **document,
     )
+
+
+def _cost_columns() -> dict[str, tuple[Column, ...]]:
+    families = tuple(column for column in SURFACE_COLUMNS if column.key != "coating")
+    return {"surfaces": SURFACE_COLUMNS, "families": families}
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> Sequence[tuple[str, str]]:

@@ -52,8 +52,8 @@ def relay_trace(sequence: Sequence, at: Array, sines: Array) -> Array:
     opl, power, clearance = np.zeros(count), np.ones(count), np.full(count, np.inf)
     status = np.zeros(count, dtype=np.int64)
     trace_sequence(s.rot[first:], s.shift[first:], s.curvature[first:], s.conic[first:], s.n1[first:], s.n2[first:],
-                   s.mode[first:], s.weight[first:], s.bare[first:], s.aperture[first:], rays, np.empty((0, 6, count)),
-                   opl, power, status, clearance, np.empty((0, 2, count)))  # fmt: skip
+                   s.mode[first:], s.side[first:], s.weight[first:], s.bare[first:], s.aperture[first:], rays,
+                   np.empty((0, 6, count)), opl, power, status, clearance, np.empty((0, 2, count)))  # fmt: skip
     return rays[:2].T.copy()
 
 

@@ -13,12 +13,14 @@ from cgi_wave.fringes.coherency import Coherency, Pair
 from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.psi import synthesise
 from cgi_wave.report import build
+from cgi_wave.report.page import SURFACE_COLUMNS
 
 GHOST = {
     "label": "filter.front:r",
     "path": "L1 filter.front:r detector",
     "order": 1,
     "transmission": 2.5e-3,
+    "transmission_fields": [4e-3, 1e-3],
     "rms_x_m": 1.5e-4,
     "rms_y_m": 2.5e-4,
     "contrast_eq4": 0.05,
@@ -29,6 +31,20 @@ GHOST = {
     "contrast_uniform_error": None,
     "opd_m": 1.33e-3,
     "fringes": 10.0,
+}
+COST = {
+    **dict.fromkeys((column.key for column in SURFACE_COLUMNS), 0.01),
+    "name": "filter.front",
+    "coating": "bandpass",
+    "ghosts": 1,
+    "contrast_nominal": None,
+}
+COSTS = {
+    "surfaces": [COST],
+    "families": [COST | {"name": "filter.front:r"}],
+    "total": dict.fromkeys(
+        ("offset", "modulation", "nma", "nma_error", "share_offset", "share_modulation", "share_nma"), 0.02
+    ),
 }
 LAYOUT = {
     "title": "A mirror",
@@ -72,12 +88,19 @@ def made_up_analysis(names, instrument, fields):
             ghosts=[GHOST],
             ghost_count=1,
             plan="kept 3, left out 0",
+            costs=COSTS,
         )
         for name in names
     }
     return SimpleNamespace(
         bands=bands, instrument_name=instrument or "reference", instrument_hash="abc", provenance={}, seconds=1.0
     )
+
+
+@pytest.fixture
+def costs():
+    """What surfaces cost, made up."""
+    return COSTS
 
 
 @pytest.fixture(scope="session")

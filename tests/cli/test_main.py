@@ -46,7 +46,7 @@ def test_every_command_is_in_the_help(call):
 
 JSON_CALLS = {
     "run": (["run", "NIR", "--json"], {"bands", "provenance"}),
-    "ghosts": (["ghosts", "NIR", "--json"], {"band", "ghosts", "provenance"}),
+    "ghosts": (["ghosts", "NIR", "--json"], {"band", "counts", "ghosts", "provenance"}),
     "psi": (["psi", "NIR", "--json"], {"opd_m", "nominal", "with_stray_light", "modulation", "baseline", "nma"}),
     "plan": (["plan", "NIR", "--tolerance", "1e-3", "--json"], {"band", "tolerance", "plan"}),
     "draw": (["draw", "NIR", "--json"], {"band", "file"}),

@@ -105,7 +105,7 @@ def direct(zone: FringeField, sigma, weights, pixel=0, layer=None):
                 gamma, opd = (to_y @ values @ to_x for values in (pair.gamma, pair.opd_m))
                 passes = zone.arms[[pair.m, pair.l]].max(axis=0)
                 dim = (shade[0] ** passes[0] * shade[1] ** passes[1])[:, None]
-                amplitude = part * 2.0 * np.sqrt(t[pair.m] * t[pair.l]) * dim
+                amplitude = part * 2.0 * (to_y @ zone.strength(pair) @ to_x) * dim
                 at = chebyshev.interpolation_matrix(pair.sigma, sigma)
                 for row, s, weight in zip(at, sigma, w.T, strict=True):
                     wave = np.exp(2j * np.pi * s * np.tensordot(row, opd, 1)) * np.tensordot(row, gamma, 1)

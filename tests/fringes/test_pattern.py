@@ -84,10 +84,22 @@ def test_refusals():
     wide = np.linspace(SIGMA0 - 9e3, SIGMA0 + 9e3, 2000)
     with pytest.raises(MethodLimitError, match="lies outside the pairs' range"):
         fringe_patterns(zone, wide, np.ones((1, 2000)))
-    # Ghost fringes far finer than the nominal ones, and no multiple of them, are refused on 160 nodes.
-    busy = field(
-        [(0, 1, lambda s, u, v: 1.0, lambda s, u, v: 4e-6 * v), (2, 0, lambda s, u, v: 0.5, lambda s, u, v: 3e-4 * u)],
-        [lambda u, v: 0.25] * 3, [0, 0, 1], [(1, 0), (0, 1), (1, 0)], views=zone.views[:1],
-    )  # fmt: skip
-    with pytest.raises(MethodLimitError, match="nodes"):
-        fringe_patterns(busy, sigma, weights)
+
+
+def test_fringes_that_no_grid_resolves_are_left_out_with_their_amplitude():
+    """Ghost fringes far finer than the nominal ones, and no multiple of them; those of the nominal pair are refused."""
+    views = michelson().views[:1]
+    fine = [
+        (0, 1, lambda s, u, v: 1.0, lambda s, u, v: 1e-6 * v),
+        (2, 0, lambda s, u, v: 0.5, lambda s, u, v: 3e-4 * u),
+    ]
+    powers = [lambda u, v: 0.25, lambda u, v: 0.25, lambda u, v: 0.01]
+    arms = [(1, 0), (0, 1), (1, 0)]
+    layer = fringe_patterns(field(fine, powers, [0, 0, 1], arms, views=views), *spectrum(400))[0]
+    plain = fringe_patterns(field(fine[:1], powers, [0, 0, 1], arms, views=views), *spectrum(400))[0]
+    np.testing.assert_allclose(layer.pattern, plain.pattern, atol=1e-14)
+    assert layer.left_out == pytest.approx(2.0 * np.sqrt(0.25 * 0.01) * 0.5)
+    assert layer.error >= layer.left_out
+    rough = [(0, 1, lambda s, u, v: np.sign(u - v), lambda s, u, v: 1e-6 * v)]
+    with pytest.raises(MethodLimitError, match="nominal contrast"):
+        fringe_patterns(field(rough, powers[:2], [0, 0], arms[:2], nodes=(60, 50)), *spectrum(400))

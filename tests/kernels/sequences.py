@@ -8,7 +8,7 @@ from cgi_wave.optics.system import rotation
 
 def place(z, tilt=(0.0, 0.0, 0.0), decentre=(0.0, 0.0), curvature=0.0, conic=0.0, n1=1.0, n2=1.0, mode=REFRACT, **rest):
     """One surface in the world: vertex (decentre, z) in m, tilt in degrees."""
-    step = {"weight": 1.0, "bare": 0, "aperture": np.zeros(5), **rest}
+    step = {"side": 0.0, "weight": 1.0, "bare": 0, "aperture": np.zeros(5), **rest}
     return {"rotation": rotation(tilt).T, "origin": np.array([*decentre, z]), "curvature": curvature, "conic": conic,
             "n1": n1, "n2": n2, "mode": mode, **step}  # fmt: skip
 
@@ -31,7 +31,7 @@ def run(steps, rays, footprints=False, tangent=None):
            "foot": np.empty((len(steps) if footprints else 0, 2, count))}  # fmt: skip
     tangent = np.empty((0, 6, count)) if tangent is None else tangent
     trace_sequence(np.array(rot), np.array(shift), column("curvature"), column("conic"), column("n1"), column("n2"),
-                   column("mode"), column("weight"), column("bare"), column("aperture"), rays, tangent,
+                   column("mode"), column("side"), column("weight"), column("bare"), column("aperture"), rays, tangent,
                    **out)  # fmt: skip
     return rays, out
 

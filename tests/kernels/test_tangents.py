@@ -31,7 +31,7 @@ def sequence(steps):
         rot.append(s["rotation"] @ axes.T)
         shift.append(axes @ (s["origin"] - origin))
         axes, origin = s["rotation"], s["origin"]
-    names = ("curvature", "conic", "n1", "n2", "mode", "weight", "bare", "aperture")
+    names = ("curvature", "conic", "n1", "n2", "mode", "side", "weight", "bare", "aperture")
     return (np.array(rot), np.array(shift), *(np.array([s[name] for s in steps]) for name in names))
 
 

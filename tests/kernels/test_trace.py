@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sequences import place, random_rays, random_steps, run
 
-from cgi_wave.kernels.trace import BACKWARD, MISS, REFLECT, REFRACT, SLICE, TIR
+from cgi_wave.kernels.trace import BACKWARD, KINDS, MISS, REFLECT, REFRACT, SLICE, TIR, WRONG_SIDE
 
 
 def trace_slowly(steps, ray):
@@ -122,7 +122,7 @@ def test_total_internal_reflection():
     """Beyond the critical angle nothing is transmitted, and a reflection keeps all of the power."""
     beyond = np.arcsin(1 / 1.5) + 0.01
     out = fresnel(1.5, 1.0, beyond, REFRACT)
-    assert out["status"][0] == 4 + TIR and out["power"][0] == pytest.approx(0.0, abs=1e-15)
+    assert out["status"][0] == KINDS + TIR and out["power"][0] == pytest.approx(0.0, abs=1e-15)
     out = fresnel(1.5, 1.0, beyond, REFLECT)
     assert out["status"][0] == 0 and out["power"][0] == pytest.approx(1.0, rel=1e-15)
     assert fresnel(1.5, 1.0, beyond - 0.02, REFRACT)["status"][0] == 0
@@ -133,14 +133,26 @@ def test_status_keeps_the_first_trouble():
     rays = [[0.0, 0.049, 0.051], [0.0] * 3, [0.0] * 3, [0.0] * 3, [0.0] * 3, [1.0] * 3]
     _, out = run([ahead, sphere, behind], rays)
     # Beyond its 50 mm the sphere is missed; the last plane lies before it, so that the others reach it backwards.
-    assert list(out["status"]) == [12 + BACKWARD, 12 + BACKWARD, 8 + MISS]
+    assert list(out["status"]) == [3 * KINDS + BACKWARD, 3 * KINDS + BACKWARD, 2 * KINDS + MISS]
+
+
+def test_side_is_that_of_the_normal_met():
+    """Light along +z meets a face from its −z side, after a mirror along −z from the other; 0 asks for neither."""
+    mirror = place(0.02, mode=REFLECT)
+    rays = [[0.0], [0.0], [0.0], [0.0], [0.0], [1.0]]
+    for side, fine in [(1.0, False), (-1.0, True), (0.0, True)]:
+        _, out = run([place(0.01, side=-side), mirror, place(0.01, curvature=5.0, side=side)], rays)
+        first = KINDS + WRONG_SIDE if side > 0 else 0
+        assert out["status"][0] == (0 if fine else first)
+    _, out = run([mirror, place(0.01, curvature=5.0, side=1.0)], rays)
+    assert out["status"][0] == 2 * KINDS + WRONG_SIDE
 
 
 @pytest.mark.parametrize("curvature", [0.0, 20.0])
 @pytest.mark.parametrize("z", [0.0, -0.01])
 def test_ray_along_the_vertex_plane_is_a_miss(curvature, z):
     _, out = run([place(0.0, curvature=curvature)], [[-1.0], [0.0], [z], [1.0], [0.0], [0.0]])
-    assert out["status"][0] == 4 + MISS
+    assert out["status"][0] == KINDS + MISS
 
 
 def test_apertures_lower_the_clearance():

@@ -7,7 +7,7 @@ import pytest
 from small_instruments import DATA, build, detector, frame, michelson, published, singlet, surface
 
 from cgi_wave.errors import InputError
-from cgi_wave.kernels.trace import BACKWARD, trace_sequence
+from cgi_wave.kernels.trace import BACKWARD, KINDS, trace_sequence
 from cgi_wave.rays.paths import find_paths, parse_path
 from cgi_wave.rays.trace import aim, compile_sequence, history, jacobian, trace, trouble
 
@@ -182,12 +182,15 @@ def reverse(sequence, rays):
     opl, power, clearance = np.zeros(rays.shape[1]), np.ones(rays.shape[1]), np.full(rays.shape[1], np.inf)
     status = np.zeros(rays.shape[1], dtype=np.int64)
     space = sequence.n1[0]
+    # A transmitted ray comes from the other side, a reflected one from the same.
+    side = np.where(reflect, sequence.side, -sequence.side)
     trace_sequence(rot, shift, turned(sequence.curvature, 0.0), turned(sequence.conic, 0.0), turned(n1, space),
-                   turned(n2, space), turned(sequence.mode, 0), turned(sequence.weight, 1.0), turned(sequence.bare, 0),
-                   np.vstack([sequence.aperture[order], np.zeros(5)]), back, np.empty((0, *rays.shape)),
-                   opl, power, status, clearance, np.empty((0, 2, rays.shape[1])))  # fmt: skip
+                   turned(n2, space), turned(sequence.mode, 0), turned(side, 0.0), turned(sequence.weight, 1.0),
+                   turned(sequence.bare, 0), np.vstack([sequence.aperture[order], np.zeros(5)]), back,
+                   np.empty((0, *rays.shape)), opl, power, status, clearance,
+                   np.empty((0, 2, rays.shape[1])))  # fmt: skip
     # Only the pupil plane may lie where the ray is virtual: behind the first surface.
-    assert ((status == 0) | (status == 4 * count + BACKWARD)).all()
+    assert ((status == 0) | (status == KINDS * count + BACKWARD)).all()
     return back, opl, power
 
 
@@ -240,16 +243,52 @@ def test_trouble_names_kind_and_surface():
     assert not traced.passes[h > critical].any() and not traced.valid[h > critical].any()
 
 
+def two_faces(detector_at):
+    """Glass between z = 2 and 7 mm, the detector at ``detector_at`` mm."""
+    frames = [frame("glass", "room", surface("first", "glass", 5.0), surface("second", "back"), start_mm=2.0),
+              frame("end", "back", detector(), start_mm=detector_at)]  # fmt: skip
+    return build(frames, {"room": 1.0, "glass": 1.5, "back": 1.0})
+
+
 def test_virtual_ray_is_named_and_valid():
-    """A path written by hand may run backwards: it is traced, and flagged."""
-    frames = [
-        frame("glass", "room", surface("first", "glass", 5.0), surface("second", "back", 5.0), detector(), start_mm=2.0)
-    ]
-    system = build(frames, {"room": 1.0, "glass": 1.5, "back": 1.0})
-    sequence = sequence_of(system, "first second:r second")
+    """A detector drawn before the last face is reached backwards: traced, and flagged."""
+    sequence = sequence_of(two_faces(4.0), "first second")
     traced = trace(sequence, np.zeros((1, 2)), AXIS)
     assert trouble(sequence, traced) == {"virtual at detector": 1}
     assert not traced.passes[0] and traced.valid[0]
+    np.testing.assert_allclose(traced.opl, 2e-3 + 1.5 * 5e-3 - 3e-3, rtol=1e-14)
+
+
+def test_surface_hit_from_the_wrong_side_is_named():
+    """Media join, but light that has turned round at a face cannot leave through it: it moves away from the step."""
+    system = two_faces(12.0)
+    sequence = sequence_of(system, "first second:r second")
+    traced = trace(sequence, np.zeros((3, 2)), AXIS)
+    assert trouble(sequence, traced) == {"on the wrong side of second": 3}
+    assert not traced.passes.any()
+    # The same steps with light that does come from there.
+    assert trace(sequence_of(system, "first second:r first:r second"), np.zeros((3, 2)), AXIS).passes.all()
+
+
+def test_an_empty_beam_has_no_trouble_and_no_rays():
+    sequence = sequence_of(two_faces(12.0), "first second")
+    traced = trace(sequence, np.zeros((0, 2)), AXIS)
+    assert trouble(sequence, traced) == {} and traced.x.shape == (0, 2)
+
+
+def test_threads_do_not_show():
+    """The same rays on one, two and three threads, to the last bit; with footprints, too."""
+    system = published("double_gauss")
+    sequence, p = nominal(system), disc(0.02, 5000)
+    theta = disc(0.1, 5000, 1)
+    one = trace(sequence, p, theta)
+    for other in (trace(sequence, p, theta, threads=2), trace(sequence, p, theta, threads=3),
+                  trace(sequence, p, theta, footprints=True)):  # fmt: skip
+        for column in ("x", "direction", "opl", "power", "clearance", "status"):
+            np.testing.assert_array_equal(getattr(one, column), getattr(other, column))
+    assert 0 < one.passes.sum() < 5000
+    with pytest.raises(InputError, match="threads"):
+        trace(sequence, p, theta, threads=0)
 
 
 def test_media_that_do_not_join_are_refused():

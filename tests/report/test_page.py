@@ -28,6 +28,15 @@ GHOST = {
 }
 
 
+COST = {column.key: 0.0123 for column in page.SURFACE_COLUMNS} | {
+    "name": "plate & <face>",
+    "coating": "ar",
+    "ghosts": 7,
+    "contrast": None,
+}
+TOTAL = {"share_offset": 0.0345, "share_modulation": -0.0067, "share_nma": 0.0411}
+
+
 def entry(mean, spread):
     return {"mean": mean, "spread": spread, "error": 1e-6}
 
@@ -52,6 +61,7 @@ DOCUMENT = {
                 "why_rows": {"offset_over_baseline": "Coherence & <sums>."},
             },
             "ghosts": [GHOST, GHOST | {"label": "L1", "contrast": None, "contrast_error": None}],
+            "costs": {"surfaces": [COST], "families": [], "total": TOTAL},
             "pictures": [{"file": "NIR-psi.png", "caption": "PSI", "wide": False}],
             "plan": "kept 1 < 2",
         }
@@ -172,3 +182,12 @@ def test_the_script_is_valid_javascript(html, tmp_path):
     script = tmp_path / "page.js"
     script.write_text(re.search(r"<script>(.*)</script>", html, re.DOTALL)[1])
     subprocess.run(["node", "--check", str(script)], check=True)
+
+
+def test_what_surfaces_cost_stands_in_per_cent_and_adds_up_in_words():
+    text = page.render(DOCUMENT)
+    assert "plate &amp; &lt;face&gt;" in text
+    assert all(f"{number} %" in text for number in ("3.450", "-0.670", "4.110"))
+    shown = [column.text(COST) for column in page.SURFACE_COLUMNS]
+    assert shown[:5] == ["plate & <face>", "ar", "7", "1.23", "1.23"] and "–" in shown
+    assert text.count(">1.23</td>") >= shown.count("1.23")
