@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from cgi_wave.fringes.scroll import motion, stream
 
 SIZE, PITCH, GHOSTS = 1024, 15e-6, 20
 FRAMES = (200, 2000)
+NO_ERRORS = dict.fromkeys([field.name for field in fields(Layer)][3:], 0.0)
 
 
 def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -> Beams:
@@ -38,7 +40,7 @@ def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -
     zone = Zone(y, y, phase=phase)
 
     def layer(name: str, pattern: np.ndarray, view: SceneView | None) -> Layer:
-        return Layer(name, pattern[None].astype(np.float32), view, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Layer(name, pattern[None].astype(np.float32), view, **NO_ERRORS)
 
     layers = [layer("nominal", 0.5 + 0.2 * np.cos(phase), None)]
     u = y / np.ptp(y)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from cgi_wave.fringes.field import SceneView
@@ -10,6 +12,7 @@ from cgi_wave.fringes.pattern import Layer
 
 PITCH = 15e-6
 SHARP = np.ones((1, 1))
+NO_ERRORS = dict.fromkeys([field.name for field in fields(Layer)][3:], 0.0)
 
 
 def zone(rows=40, columns=24, row=0.0, column=0.0, period=None, tilt=0.0):
@@ -26,9 +29,9 @@ def layer(pattern, affine=None, kernel=SHARP, name="ghost"):
     pattern = np.asarray(pattern, dtype=np.float64)
     pattern = pattern[None] if pattern.ndim == 2 else pattern
     if affine is None and kernel is SHARP:
-        return Layer("nominal", pattern, None, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Layer("nominal", pattern, None, **NO_ERRORS)
     affine = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) if affine is None else np.asarray(affine, dtype=float)
-    return Layer(name, pattern, SceneView(1, name, affine, kernel, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Layer(name, pattern, SceneView(1, name, affine, kernel, 0.0), **NO_ERRORS)
 
 
 def gaussian(sigma, reach=4.0):
