@@ -129,7 +129,7 @@ BROKEN = {
     "not TOML": ("[space", "[[space", "TOML"),
     "unknown glass": ('filter = "silica"', 'filter = "silicon"', "silicon"),
     "not a number": ("thickness_mm = 24.478", "thickness_mm = nan", "nan"),
-    "missing arm": ("[interferometer.arm2]", "[interferometer.arm3]", "arm"),
+    "missing arm": ("[channel.VISNIR.interferometer.arm2]", "[channel.VISNIR.interferometer.arm3]", "arm"),
 }
 
 
