@@ -57,6 +57,11 @@ def reversed_system(system: OpticalSystem) -> OpticalSystem:
     band = document["band"][system.band] | {"set": {}, "zone_rows": [0, 10], "zone_columns": None}
     band.pop("channel", None)
     document.pop("channel", None)
+    # Splitters of other channels split nothing here.
+    own = system.document.interferometer
+    for surface in (surface for frame in document["frame"] for surface in frame["surface"]):
+        if surface["nominal"] == "both" and (own is None or surface["name"] != own.splitter):
+            surface["nominal"] = "transmit"
     detector = system.surfaces[system.detector]
     axes, centre = system.pupil_frame()
     plane = {"name": PUPIL, "after": "", "nominal": "absorb", "aperture": {"half_width_mm": [1e4, 1e4]}}

@@ -70,11 +70,8 @@ def toa_radiance(
 
     low, high = band_filter.support()
     step = min(1 / (4 * max_opd_m), band_filter.fwhm_m / band_filter.centre_m**2 / _SAMPLES_PER_FWHM)
-    lines = None if kind == "solar" else _lines(kind).near(low - _WING, high + _WING)
+    lines = gas_lines(kind, band_filter)
     if lines is not None:
-        if lines.sigma.size == 0:
-            raise refuse("kind", kind, f"has no line near {band_filter.centre_m * 1e9:g} nm",
-                         "use another gas or 'solar', or move the filter")  # fmt: skip
         step = min(step, _line_step(lines, layers))
     samples = int(np.ceil((high - low) / step)) + 1
     if samples > MAX_SAMPLES:
@@ -93,6 +90,21 @@ def toa_radiance(
         radiance = radiance * transmission(lines, sigma, air_mass, standard_atmosphere(layers))
         source += f"; {lines.source}; US Standard Atmosphere 1976 in {layers} layers, air mass {air_mass:g}"
     return Spectrum(sigma=sigma, radiance=radiance, source=source)
+
+
+def gas_lines(kind: str, band_filter: Filter) -> LineList | None:
+    """The lines that ``toa_radiance`` takes for a kind behind a filter; None for ``"solar"``.
+
+    Raises InputError for a gas without a line near the filter.
+    """
+    if kind == "solar":
+        return None
+    low, high = band_filter.support()
+    lines = _lines(kind).near(low - _WING, high + _WING)
+    if lines.sigma.size == 0:
+        raise InputError("spectrum", "kind", kind, f"has no line near {band_filter.centre_m * 1e9:g} nm",
+                         "use another gas or 'solar', or move the filter")  # fmt: skip
+    return lines
 
 
 def _lines(kind: str) -> LineList:

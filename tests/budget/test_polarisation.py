@@ -90,7 +90,7 @@ def test_a_declared_table_is_taken_at_the_splitters_incidence():
     instrument = load_instrument()
     raw = msgspec.json.decode(msgspec.json.encode(instrument.raw))
     raw["coating"]["splitter"] = {"reflect_phase_deg": 90.0, "table": {
-        "wavelengths_nm": [400.0, 800.0], "angles_deg": [30.0, 45.0, 60.0],
+        "wavelengths_nm": [400.0, 2200.0], "angles_deg": [30.0, 45.0, 60.0],
         "reflectance_s": [[0.5, 0.58, 0.7]] * 2, "reflectance_p": [[0.5, 0.44, 0.3]] * 2}}  # fmt: skip
     found = bound(from_document(raw, instrument.file).band("NIR"))
     assert found.declared

@@ -12,7 +12,7 @@ from cgi_wave.scene.builders import edge, uniform
 from cgi_wave.scene.column import column_modes, with_column
 from cgi_wave.scene.oxygen import oxygen_a_band
 from cgi_wave.scene.plume import Plume, with_plume
-from cgi_wave.scene.radiance import toa_radiance
+from cgi_wave.scene.radiance import gas_lines, toa_radiance
 from cgi_wave.scene.spectrum import Spectrum
 
 
@@ -21,7 +21,7 @@ def oxygen():
     """Radiance through the A band at air mass 2, and the optical depth in it, at every sixth sample: quicker."""
     fine = toa_radiance("o2a", NIR, 2e-3)
     spectrum = Spectrum(fine.sigma[::6], fine.radiance[::6], fine.source)
-    return spectrum, 2 * optical_depth(oxygen_a_band(), spectrum.sigma, standard_atmosphere(8))
+    return spectrum, 2 * optical_depth(gas_lines("o2a", NIR), spectrum.sigma, standard_atmosphere(8))
 
 
 def relative_error(modes, spectrum, depth, excess):

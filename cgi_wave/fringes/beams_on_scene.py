@@ -1,0 +1,428 @@
+"""Beams act on the scene: each layer's image of it, and how frames are computed from patterns and images.
+
+A layer sees the scene through its own affine map and blur: image(x, y; s) = Σ_d kernel[d]·map(A(x, y, 1) + d + s e_Y),
+s the rows by which the ground has moved along −y. Three ways, the first that keeps the tolerance:
+
+* **smooth**: a blurred image, on a coarse grid, with a pattern that is envelopes times harmonics (``smooth``);
+* **sharp**: maps that keep rows as rows (shift, magnification, flip). Columns are resampled once; per frame a row of
+  the image is read as it is (whole offsets: exact), or from two or four rows;
+* **warped**: maps that turn rows. Every pixel looks its place up; slow, and only for want of another way.
+
+Fractions of a sample: ``area`` weighs two samples, which is exact for ground made of uniform cells one pixel large and
+pixels that integrate (a shifted box); ``cubic`` weighs four (Lagrange), for band-limited scenes, with an error of at
+most 1/24 of the fourth difference (3/128 away from the scene's ends). Blurred maps are read by ``cubic``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.errors import InputError
+from cgi_wave.fringes import blur, smooth
+from cgi_wave.fringes.layer import Zone
+from cgi_wave.fringes.pattern import Layer
+from cgi_wave.kernels import frames as kernels
+
+Array = NDArray[np.float64]
+Real = NDArray[np.floating]
+Index = NDArray[np.int64]
+Interpolation = Literal["area", "cubic"]
+WHOLE = 1e-9  # of a pixel: an offset this close to a whole number is one
+CHECKED = 20000  # pixels on which the image of a smooth layer is checked
+IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class Sharp:
+    """pattern (C, R, X); image (C, H, X), columns resampled; row (R,): rows of the image at scroll 0; taps 2 or 4.
+
+    margin : rows of the image before the scene's first; strict : to look beyond the scene is an error
+    """
+
+    name: str
+    pattern: Real
+    image: Real
+    row: Array
+    taps: int
+    margin: int
+    strict: bool
+
+
+@dataclass(frozen=True)
+class Warped:
+    """pattern (C, R, X); image (C, H, W); x, y (R, X): places in it at scroll 0, in samples."""
+
+    name: str
+    pattern: Real
+    image: Real
+    x: Array
+    y: Array
+    taps: int
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """All smooth layers on one grid: see ``kernels.frames.frame_rows``. row (E, N): coarse rows at scroll 0; step:
+    rows of the scene per coarse row; size: coarse rows of each layer, both (E, 1)."""
+
+    grid: smooth.Grid
+    tiles: Real
+    envelope: Real
+    coarse: Real
+    row: Array
+    step: Array
+    size: Index
+
+
+@dataclass(frozen=True)
+class LayerPlan:
+    """What was chosen for a layer. way; blur: method of the convolution; pitch: of its nodes, pixels (1: every pixel);
+    error: bound or measure of what the choice adds, relative irradiance at the scene's largest value."""
+
+    name: str
+    way: Literal["sharp", "smooth", "warped"]
+    blur: str
+    pitch: int
+    error: float
+
+
+@dataclass(frozen=True)
+class Beams:
+    """Everything a frame needs but the scroll. ``error``: sum over the layers' plans. height: rows of the scene."""
+
+    zone: Zone
+    dtype: type
+    wrap: bool
+    height: int
+    sharp: tuple[Sharp, ...]
+    warped: tuple[Warped, ...]
+    smooth: Smooth | None
+    plans: tuple[LayerPlan, ...]
+    error: float
+    _space: dict[int, Real] = field(default_factory=dict, repr=False, compare=False)
+
+    def frame(self, shift: float, out: Real | None = None, pool: ThreadPoolExecutor | None = None) -> Real:
+        """(R, X) the frame when the ground has moved by ``shift`` rows; into ``out`` if given.
+
+        ``pool``: two threads share the rows; the result is the same to the last bit.
+
+        Raises InputError when the nominal beam looks beyond a scene that does not repeat.
+        """
+        rows, columns = self.zone.shape
+        out = np.empty((rows, columns), self.dtype) if out is None else out
+        ready = [self._rows_of(term, shift) for term in self.sharp]
+        coarse = None if self.smooth is None else self._coarse_rows(self.smooth, shift)
+        unit = 4 if self.smooth is None else self.smooth.grid.pitch
+        half = -(-rows // (2 * unit)) * unit
+        spans = [(0, rows)] if pool is None or half >= rows else [(0, half), (half, rows)]
+
+        def work(part: int) -> None:
+            first, last = spans[part]
+            for number, (term, (index, weight)) in enumerate(zip(self.sharp, ready, strict=True)):
+                if number == 0 and self.smooth is not None and coarse is not None:
+                    self._fused(part, out, term, index, weight, coarse, first, last)
+                else:
+                    kernels.sharp_rows(out, term.pattern, term.image, index, weight, first, last, number > 0)
+            for turned in self.warped:
+                kernels.warped_rows(out, turned.pattern, turned.image, turned.x, turned.y, shift, self.wrap,
+                                    turned.taps, first, last)  # fmt: skip
+
+        if pool is None or len(spans) == 1:
+            for part in range(len(spans)):
+                work(part)
+        else:
+            list(pool.map(work, range(len(spans))))
+        return out
+
+    def ready(self, shift: float) -> None:
+        """Raise InputError if the nominal beam looks beyond the scene at this scroll."""
+        for term in self.sharp:
+            self._rows_of(term, shift)
+
+    def _fused(
+        self, part: int, out: Real, term: Sharp, index: Index, weight: Real, coarse: tuple[Index, Real], first: int,
+        last: int,
+    ) -> None:  # fmt: skip
+        s = self.smooth
+        assert s is not None
+        if part not in self._space:
+            size = 4 * s.envelope.shape[1] * kernels.BLOCK
+            self._space[part] = np.zeros((-(-out.shape[1] // kernels.BLOCK), size), self.dtype)
+        g = s.grid
+        kernels.frame_rows(
+            out, term.pattern, term.image, index, weight, s.tiles, s.envelope, s.coarse, *coarse, g.table, g.base_x,
+            smooth.gaps(g.base_x), g.base_y, smooth.gaps(g.base_y), self._space[part], first, last,
+        )  # fmt: skip
+
+    def _rows_of(self, term: Sharp, shift: float) -> tuple[Index, Real]:
+        """(R, T) rows of the image and their weights in a frame."""
+        place = term.row + shift
+        nearest, size = np.rint(place), term.image.shape[1]
+        whole = bool(np.abs(place - nearest).max() < WHOLE)
+        if term.strict and not self.wrap:
+            self._inside(place - term.margin)
+        if whole:
+            index = nearest.astype(np.int64)
+            index = index % size if self.wrap else np.clip(index, 0, size - 1)
+            return index[:, None], np.ones((len(place), 1), self.dtype)
+        index, weight = smooth.taps(place, size, self.wrap, term.taps)
+        return index, weight.astype(self.dtype)
+
+    def _inside(self, place: Array) -> None:
+        before, after = -float(place.min()), float(place.max()) - (self.height - 1)
+        missing = int(np.ceil(max(before, 0.0) - WHOLE) + np.ceil(max(after, 0.0) - WHOLE))
+        if missing > 0:
+            raise InputError("frames", "scene", f"{self.height} rows", f"the scroll needs {missing} rows more",
+                             "give a longer scene, fewer frames, or let it repeat along track (tile)")  # fmt: skip
+
+    def _coarse_rows(self, s: Smooth, shift: float) -> tuple[Index, Real]:
+        index, weight = smooth.taps(s.row + shift / s.step, s.size, self.wrap)
+        return index, weight.astype(self.dtype)
+
+
+def prepare(
+    layers: Sequence[Layer],
+    maps: Real,
+    zone: Zone,
+    *,
+    tolerance: float = 1e-6,
+    tile: bool = False,
+    interpolation: Interpolation = "area",
+    precision: Literal["float32", "float64"] = "float32",
+) -> Beams:
+    """Get layers and scene ready for frames.
+
+    layers : the nominal one first; maps (C, H, W) : the scene, relative radiance per mode, [Y, X] at the zone's
+    pitch; tolerance : largest error that the choices for all ghosts together may add, relative irradiance times the
+    scene's largest value; tile : along track the scene repeats; interpolation : see the module.
+
+    Ghosts that look beyond the scene see its edge go on. The nominal beam may not.
+
+    Raises InputError for a scene narrower than the swath (how many columns are missing), for shapes that do not fit,
+    and values that are not finite.
+    """
+    dtype = np.dtype(precision).type
+    maps = np.asarray(maps)
+    _check(layers, maps, zone)
+    maps = np.ascontiguousarray(maps, dtype=dtype)
+    scale = float(np.abs(maps).max()) or 1.0
+    share = tolerance * scale / len(layers)
+    sharp: list[Sharp] = []
+    warped: list[Warped] = []
+    plans: list[LayerPlan] = []
+    candidates: list[tuple[str, str, dict[int, _Candidate]]] = []
+    envelopes = (
+        smooth.Envelopes(zone)
+        if any(layer.view is not None and layer.view.kernel.size > 1 for layer in layers)
+        else None
+    )
+    for number, layer in enumerate(layers):
+        affine = IDENTITY if layer.view is None else layer.view.affine
+        kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
+        weight = float(np.abs(layer.pattern).max()) or 1.0
+        allowed = share / (2.0 * weight * scale)
+        how = blur.choose(kernel, allowed, maps.shape[1] * maps.shape[2], precision == "float32")
+        blurred = kernel is not None and how.method != "nothing"
+        seen, margin = _blurred(maps, how, kernel, tile) if blurred and kernel is not None else (maps, (0, 0))
+        if number and blurred and envelopes is not None and _keeps_rows(affine, zone, seen, share / weight):
+            found = _smooth_candidates(layer, seen, margin, zone, envelopes, share / 2.0, tile, dtype)
+            if found:
+                candidates.append((layer.name, how.method, found))
+                continue
+        count = 4 if blurred or interpolation == "cubic" else 2
+        pattern = np.ascontiguousarray(layer.pattern, dtype=dtype)
+        column, row = _places(affine, zone, margin)
+        error = weight * scale * how.error + weight * _reading(seen, count)
+        if _keeps_rows(affine, zone, seen, share / weight):
+            sharp.append(
+                Sharp(layer.name, pattern, _columns(seen, column[0], count), row[:, 0], count, margin[0], number == 0)
+            )
+            plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error))
+        else:
+            warped.append(Warped(layer.name, pattern, seen, column, row, count))
+            plans.append(LayerPlan(layer.name, "warped", how.method, 1, error))
+    together = _together(candidates, zone, dtype) if candidates else None
+    if together is not None:
+        pitch = together.grid.pitch
+        plans += [LayerPlan(name, "smooth", how, pitch, found[pitch].error) for name, how, found in candidates]
+    return Beams(
+        zone, dtype, tile, maps.shape[1], tuple(sharp), tuple(warped), together, tuple(plans),
+        sum(plan.error for plan in plans),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """One layer on one grid: envelope (C, M, N, K), coarse (C, V, K), row (N,), rows of the scene per coarse row."""
+
+    envelope: Real
+    coarse: Real
+    row: Array
+    step: float
+    error: float
+
+
+def _blurred(maps: Real, how: blur.Blur, kernel: Array, tile: bool) -> tuple[Real, tuple[int, int]]:
+    """The blurred scene, as far beyond its edges as the blur reaches (the edge goes on), and by how many samples."""
+    margin = (0 if tile else kernel.shape[0] // 2, kernel.shape[1] // 2)
+    wide = np.pad(maps, ((0, 0), (margin[0], margin[0]), (margin[1], margin[1])), mode="edge")
+    return blur.correlate(wide, how, kernel, tile), margin
+
+
+def _places(
+    affine: Array, zone: Zone, margin: tuple[int, int], rows: Array | None = None, columns: Array | None = None
+) -> tuple[Array, Array]:
+    """Column and row of the scene, in samples, under detector points (default: the zone's pixels), at scroll 0."""
+    x = zone.x_m if columns is None else zone.x_m[0] + columns * zone.pitch
+    y = zone.y_m if rows is None else zone.y_m[0] + rows * zone.pitch
+    big_x = affine[0, 0] * x[None, :] + affine[0, 1] * y[:, None] + affine[0, 2]
+    big_y = affine[1, 0] * x[None, :] + affine[1, 1] * y[:, None] + affine[1, 2]
+    column, row = zone.column + (big_x - zone.x_m[0]) / zone.pitch, zone.row + (big_y - zone.y_m[0]) / zone.pitch
+    return column + margin[1], row + margin[0]
+
+
+def _keeps_rows(affine: Array, zone: Zone, seen: Real, tolerance: float) -> bool:
+    """Whether turning rows may be neglected: largest step between neighbours times the pixels it moves them by."""
+    across = abs(affine[1, 0]) * np.ptp(zone.x_m) / zone.pitch / 2.0
+    along = abs(affine[0, 1]) * np.ptp(zone.y_m) / zone.pitch / 2.0
+    if across + along <= WHOLE:
+        return True
+    step_y, step_x = (float(np.abs(np.diff(seen, axis=axis)).max()) for axis in (1, 2))
+    return across * step_y + along * step_x <= 0.25 * tolerance
+
+
+def _columns(seen: Real, column: Array, count: int) -> Real:
+    """(C, H, X) the map at the columns of the image: a view for whole ones in order, else a copy."""
+    nearest = np.rint(column)
+    if np.abs(column - nearest).max() < WHOLE and nearest.min() >= 0 and nearest.max() < seen.shape[2]:
+        index = nearest.astype(np.int64)
+        if np.all(np.diff(index) == 1):
+            return seen[:, :, index[0] : index[-1] + 1]
+        return np.ascontiguousarray(seen[:, :, index])
+    return smooth.resampled(seen, column, 2, False, count)
+
+
+def _reading(seen: Real, count: int) -> float:
+    """Error of reading a map between samples, in its units: 0 for cells (two taps); else from fourth differences."""
+    if count == 2:
+        return 0.0
+    return sum(float(np.abs(np.diff(seen, n=4, axis=axis)).max()) for axis in (1, 2)) / 24.0
+
+
+def _smooth_candidates(
+    layer: Layer, seen: Real, margin: tuple[int, int], zone: Zone, envelopes: smooth.Envelopes, tolerance: float,
+    tile: bool, dtype: type,
+) -> dict[int, _Candidate]:  # fmt: skip
+    """The layer on every grid that keeps the tolerance, coarsest first; empty if none does."""
+    scale = float(np.abs(seen).max()) or 1.0
+    fits = [envelopes.fit(part, 0.5 * tolerance / scale) for part in layer.pattern]
+    found: dict[int, _Candidate] = {}
+    if any(fit is None for fit in fits):
+        return found
+    for pitch in smooth.PITCHES:
+        if 4 * pitch > max(zone.shape):
+            continue
+        where = smooth.grid(zone.shape, pitch, dtype)
+        envelope: Real = np.array([envelopes.on_nodes(*fit, where) for fit in fits if fit is not None], dtype=dtype)
+        height = seen.shape[1]
+        count = max(-(-height // pitch), 4)
+        step = height / count if tile else (height - 1) / (count - 1)
+        assert layer.view is not None
+        column, row = _places(layer.view.affine, zone, margin, pitch * np.arange(where.nodes[0], dtype=np.float64),
+                              pitch * np.arange(where.nodes[1], dtype=np.float64))  # fmt: skip
+        along = smooth.resampled(seen, np.arange(count) * step, 1, tile)
+        coarse = np.ascontiguousarray(smooth.resampled(along, column[0], 2, False))
+        candidate = _Candidate(envelope, coarse, row[:, 0] / step, step, 0.0)
+        error = _measured(layer, candidate, seen, margin, zone, where, tile, dtype)
+        if error <= tolerance:
+            found[pitch] = _Candidate(envelope, coarse, row[:, 0] / step, step, error)
+    return found
+
+
+def _measured(
+    layer: Layer, candidate: _Candidate, seen: Real, margin: tuple[int, int], zone: Zone, where: smooth.Grid,
+    tile: bool, dtype: type,
+) -> float:  # fmt: skip
+    """Largest difference from pattern × image: under uniform light everywhere, and with the scene at CHECKED pixels."""
+    alone = _alone(candidate, zone, where, tile, seen.shape[1], dtype)
+    flat = _Candidate(candidate.envelope, np.ones_like(candidate.coarse), candidate.row, candidate.step, 0.0)
+    uniform = _alone(flat, zone, where, tile, seen.shape[1], dtype).frame(0.0)
+    scale = float(np.abs(seen).max()) or 1.0
+    worst = float(np.abs(uniform - layer.pattern.sum(axis=0)).max()) * scale
+    rng = np.random.default_rng(1)
+    j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
+    assert layer.view is not None
+    column, row = _places(layer.view.affine, zone, margin)
+    for shift in (0.0, 0.37 * where.pitch, 0.43 * seen.shape[1]):
+        image = np.zeros((len(seen), CHECKED))
+        at_y, weight_y = smooth.taps(row[j, i] + shift, seen.shape[1], tile)
+        at_x, weight_x = smooth.taps(column[j, i], seen.shape[2], False)
+        for a in range(4):
+            for b in range(4):
+                image += weight_y[:, a] * weight_x[:, b] * seen[:, at_y[:, a], at_x[:, b]]
+        expected = (layer.pattern[:, j, i] * image).sum(axis=0)
+        worst = max(worst, float(np.abs(alone.frame(shift)[j, i] - expected).max()))
+    return worst
+
+
+def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, height: int, dtype: type) -> Beams:
+    """Frames of nothing but one smooth layer."""
+    nothing: Real = np.zeros((1, *zone.shape), dtype)
+    dark = Sharp("nothing", nothing, np.zeros((1, height, zone.shape[1]), dtype), np.zeros(zone.shape[0]), 2, 0, False)
+    part = _gather([candidate], zone, where, dtype)
+    return Beams(zone, dtype, tile, height, (dark,), (), part, (), 0.0)
+
+
+def _together(candidates: Sequence[tuple[str, str, dict[int, _Candidate]]], zone: Zone, dtype: type) -> Smooth:
+    """All smooth layers on the finest grid that any of them needs."""
+    pitch = min(max(found) for _, _, found in candidates)
+    while not all(pitch in found for _, _, found in candidates):
+        pitch = max(p for p in smooth.PITCHES if p < pitch)
+    return _gather([found[pitch] for _, _, found in candidates], zone, smooth.grid(zone.shape, pitch, dtype), dtype)
+
+
+def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: type) -> Smooth:
+    modes = len(parts[0].coarse)
+    tiles: Real = np.zeros((-(-zone.shape[0] // where.pitch), -(-zone.shape[1] // kernels.BLOCK), where.pitch // 4,
+                      8 * kernels.BLOCK if zone.phase is not None else 1), dtype)  # fmt: skip
+    if zone.phase is not None:
+        kernels.carrier_tiles(np.cos(zone.phase), np.sin(zone.phase), where.pitch, tiles)
+    size = np.repeat([part.coarse.shape[1] for part in parts], modes)
+    coarse: Real = np.zeros((len(size), int(size.max()), where.nodes[1]), dtype)
+    for number, image in enumerate(image for part in parts for image in part.coarse):
+        coarse[number, : len(image)] = image
+    return Smooth(
+        where, tiles, np.concatenate([part.envelope for part in parts]), coarse,
+        np.repeat([part.row for part in parts], modes, axis=0),
+        np.repeat([part.step for part in parts], modes)[:, None], size[:, None],
+    )  # fmt: skip
+
+
+def _check(layers: Sequence[Layer], maps: Real, zone: Zone) -> None:
+    def refuse(name: str, value: object, problem: str, remedy: str) -> None:
+        raise InputError("frames", name, value, problem, remedy)
+
+    if maps.ndim != 3 or maps.dtype.kind != "f":
+        refuse("scene", f"{maps.dtype} {maps.shape}", "must be floating (modes, rows, columns)", "give maps of a Scene")
+    if not np.all(np.isfinite(maps)):
+        refuse("scene", "NaN or infinity", "must be finite", "fill the gaps of the scene")
+    for layer in layers:
+        if layer.pattern.shape != (len(maps), *zone.shape):
+            refuse(f"layer {layer.name}.pattern", layer.pattern.shape, f"must be {(len(maps), *zone.shape)}",
+                   "synthesise it for this zone and these spectral modes")  # fmt: skip
+        if not np.all(np.isfinite(layer.pattern)):
+            refuse(f"layer {layer.name}.pattern", "NaN or infinity", "must be finite", "synthesise it again")
+        if layer.view is not None and abs(float(layer.view.kernel.sum()) - 1.0) > 1e-6:
+            refuse(f"layer {layer.name}.kernel", float(layer.view.kernel.sum()), "must add up to 1",
+                   "divide it by its sum; power belongs to the pattern")  # fmt: skip
+    left = int(np.ceil(max(-zone.column, 0.0) - WHOLE))
+    right = int(np.ceil(max(zone.column + zone.shape[1] - maps.shape[2], 0.0) - WHOLE))
+    if left + right:
+        refuse("scene", f"{maps.shape[2]} columns", f"is smaller than the swath: {left + right} columns are missing",
+               "give a wider scene, or tile it across track")  # fmt: skip

@@ -1,0 +1,170 @@
+"""Figures of streaming: share of the memory bandwidth, memory per pixel at any length, time of a long scroll.
+
+uv run python -m validation.fringes_stream [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cgi_wave.fringes.beams_on_scene import Beams, prepare
+from cgi_wave.fringes.field import SceneView
+from cgi_wave.fringes.layer import Zone
+from cgi_wave.fringes.maps import GroundFit, window
+from cgi_wave.fringes.pattern import Layer
+from cgi_wave.fringes.scroll import motion, stream
+
+SIZE, PITCH, GHOSTS = 1024, 15e-6, 20
+FRAMES = (200, 2000)
+NO_ERRORS = dict.fromkeys([field.name for field in fields(Layer)][3:], 0.0)
+
+
+def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -> Beams:
+    """A frame of ten fringes with blurred ghost families, over a rough scene of its own height that repeats.
+
+    Patterns are synthetic on purpose: the time of a frame depends on how many layers there are and how smooth, not on
+    where they come from.
+    """
+    y = (np.arange(size) - 0.5 * (size - 1)) * PITCH
+    phase = 2.0 * np.pi * 10.0 * (y[:, None] + 0.01 * y[None, :]) / (size * PITCH)
+    zone = Zone(y, y, phase=phase)
+
+    def layer(name: str, pattern: np.ndarray, view: SceneView | None) -> Layer:
+        return Layer(name, pattern[None].astype(np.float32), view, **NO_ERRORS)
+
+    layers = [layer("nominal", 0.5 + 0.2 * np.cos(phase), None)]
+    u = y / np.ptp(y)
+    for n in range(ghosts):
+        power = 5e-3 / (n + 1)
+        pattern = power * (1.0 + 0.2 * u[:, None] + 0.3 * np.cos(phase * (1 + 0.002 * n)) + 0.1 * np.sin(2.0 * phase))
+        sigma = (30.0 + 3.0 * n) * size / SIZE
+        line = np.exp(-0.5 * (np.arange(-int(4 * sigma), int(4 * sigma) + 1) / sigma) ** 2)
+        kernel = np.outer(line, line) / line.sum() ** 2
+        sign = -1.0 if n % 2 else 1.0
+        affine = np.array([[sign * (1.0 + 0.01 * n), 0.0, 1e-5], [0.0, sign * (1.0 - 0.02 * n), 2e-5]])
+        layers.append(layer(f"ghost {n}", pattern, SceneView(n + 1, f"ghost {n}", affine, kernel, 0.0)))
+    scene = 0.2 + 0.8 * np.random.default_rng(0).random((1, size, size), dtype=np.float32)
+    return prepare(layers, scene, zone, tolerance=tolerance, tile=True)
+
+
+def stream_fraction(repeats: int = 12, batch: int = 40) -> dict[str, Any]:
+    """Frames against out = a·b over arrays of a frame's size, two threads each, in turns; the best of each counts.
+
+    Both are counted as two arrays read and one written.
+    """
+    a, b, out = (np.random.default_rng(n).random((SIZE, SIZE), dtype=np.float32) for n in range(3))
+    half = SIZE // 2
+    spans = (slice(0, half), slice(half, SIZE))
+    bytes_moved = 3 * a.nbytes
+    found: dict[str, Any] = {}
+    with ThreadPoolExecutor(2) as pool:
+
+        def multiply(_: int) -> None:
+            list(pool.map(lambda rows: np.multiply(a[rows], b[rows], out=out[rows]), spans))
+
+        runs = {"multiply": multiply}
+        for name, beams, step in (("no_ghosts", synthetic(ghosts=0), 1.0), ("ghosts", synthetic(), 1.0),
+                                  ("ghosts_fraction_of_a_row", synthetic(), 1.25)):  # fmt: skip
+            runs[name] = lambda k, beams=beams, step=step: beams.frame(step * k, out, pool)
+            if beams.smooth is not None:
+                found["smooth_layers"], found["pitch"] = len(beams.smooth.row), beams.smooth.grid.pitch
+                found["error"] = beams.error
+        best = dict.fromkeys(runs, np.inf)
+        for run in runs.values():
+            run(0)
+        for _ in range(repeats):
+            for name, run in runs.items():
+                started = time.perf_counter()
+                for k in range(batch):
+                    run(k)
+                best[name] = min(best[name], (time.perf_counter() - started) / batch)
+    for name, seconds in best.items():
+        found[f"{name}_ms"], found[f"{name}_gb_s"] = 1e3 * seconds, bytes_moved / seconds / 1e9
+    found["stream_fraction"] = best["multiply"] / best["ghosts"]
+    found["stream_fraction_no_ghosts"] = best["multiply"] / best["no_ghosts"]
+    found["stream_fraction_part_rows"] = best["multiply"] / best["ghosts_fraction_of_a_row"]
+    return found
+
+
+def memory_and_time() -> dict[str, Any]:
+    """Peak memory while frames stream, above the interpreter with everything imported and compiled, per pixel.
+
+    In processes of their own. What preparing took, with all patterns of the ghosts at hand, is told beside it.
+    """
+    rows = []
+    for frames in FRAMES:
+        words = [sys.executable, "-m", "validation.fringes_stream", "--worker", str(frames)]
+        rows.append(json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout))
+    return {
+        "memory_bytes_per_pixel": max(row["bytes_per_pixel"] for row in rows),
+        "memory_growth_bytes_per_pixel": rows[-1]["bytes_per_pixel"] - rows[0]["bytes_per_pixel"],
+        "setup_bytes_per_pixel": max(row["setup_bytes_per_pixel"] for row in rows),
+        "seconds_2000_frames": rows[-1]["seconds"],
+        "sequences": rows,
+    }
+
+
+def worker(frames: int) -> dict[str, float]:
+    """Scroll, regroup and fit one sequence: seconds, and peak bytes per pixel above what the process held before."""
+    _scroll(synthetic(128, 2, 1e-3), 140)  # imports and compiles
+    base = _resident("VmRSS")
+    started = time.perf_counter()
+    beams = synthetic()
+    prepared = time.perf_counter() - started
+    setup = _resident("VmHWM")
+    Path("/proc/self/clear_refs").write_text("5")  # the peak counts anew: preparing is told apart from streaming
+    started = time.perf_counter()
+    ground = _scroll(beams, frames)
+    seconds = time.perf_counter() - started
+    peak = _resident("VmHWM")
+    return {
+        "frames": frames, "ground_rows": ground, "seconds": seconds, "prepare_seconds": prepared,
+        "setup_bytes_per_pixel": 1024.0 * (setup - base) / SIZE**2,
+        "bytes_per_pixel": 1024.0 * (peak - base) / SIZE**2,
+    }  # fmt: skip
+
+
+def _resident(name: str) -> int:
+    """VmRSS or VmHWM (its peak) of this process, KiB; Linux only."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name))
+
+
+def _scroll(beams: Beams, frames: int) -> int:
+    moves = motion(frames)
+    assert beams.zone.phase is not None
+    fit = GroundFit(window(beams.zone.phase), moves)
+    return sum(1 for frame in stream(beams, moves) for _ in fit.add(frame))
+
+
+def study() -> dict[str, Any]:
+    """All figures."""
+    return {**stream_fraction(), **memory_and_time()}
+
+
+def main() -> None:
+    """Print the figures, or one JSON document."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    found = study() if options.worker is None else worker(options.worker)
+    if options.json or options.worker is not None:
+        print(json.dumps(found, indent=1))
+        return
+    for name, value in found.items():
+        print(f"{name:32} {value}")
+
+
+if __name__ == "__main__":
+    main()
