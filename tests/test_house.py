@@ -1,10 +1,12 @@
 """What the papers of the house promise: commands that exist, pages that are reachable, one version, no strays."""
 
+import importlib
 import re
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from numba.core.dispatcher import Dispatcher
 
 import cgi_wave
 from cgi_wave.cli.commands import COMMANDS
@@ -63,3 +65,16 @@ def test_modules_stay_small(module):
     # A compiled call tree has to stay in one file, so kernels may be longer.
     limit = 600 if module.parent.name == "kernels" else 500
     assert len(module.read_text(encoding="utf-8").splitlines()) <= limit
+
+
+def test_compiled_functions_have_names_of_their_own():
+    """Numba's cached code is linked by names: two functions of one name call each other's code (``kernels.trace``)."""
+    names = []
+    for file in sorted((HOUSE / "cgi_wave" / "kernels").glob("[a-z]*.py")):
+        module = importlib.import_module(f"cgi_wave.kernels.{file.stem}")
+        for value in vars(module).values():
+            if isinstance(value, Dispatcher) and value.py_func.__module__ == module.__name__:
+                names.append((module.__name__, value.py_func.__qualname__))
+    assert len(names) > 50
+    assert len(names) == len(set(names))
+    assert not [name for name in names if "<locals>" in name[1]]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.fringes import chebyshev
+from cgi_wave.fringes.coherency import Coherency
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -138,3 +139,29 @@ def at_sigma(pair: FieldPair, sigma: float) -> tuple[Complex, Array]:
         return pair.gamma[0], pair.opd_m[0]
     row = chebyshev.interpolation_matrix(pair.sigma, np.array([sigma]))[0]
     return np.tensordot(row, pair.gamma, 1), np.tensordot(row, pair.opd_m, 1)
+
+
+def frozen(
+    coherency: Coherency, sigma0: float, zone: tuple[float, float, float, float], rows: tuple[int, int],
+    columns: tuple[int, int], pixel_m: float, origin_y: float = 0.0, band: str = "",
+) -> FringeField:  # fmt: skip
+    """The fringe field of one field point held all over a zone, as the paper's one-dimensional generator does.
+
+    Powers and contrasts are those of ``coherency``, path differences go on along their slopes from y = origin_y (m);
+    nothing changes across track, and every family images the scene onto itself.
+    """
+    x, y = chebyshev.nodes(1, *zone[:2]), chebyshev.nodes(2, *zone[2:])
+    ones = np.ones((1, 2, 1))
+    pairs = tuple(
+        FieldPair(
+            p.m, p.l, p.sigma, p.gamma[:, None, None] * ones,
+            p.opd_m[:, None, None] + p.slope * (y - origin_y)[None, :, None], float(p.error.max()), 0.0,
+        )
+        for p in coherency.pairs
+    )  # fmt: skip
+    power, error = coherency.transmission[:, None, None] * ones, coherency.transmission_error
+    return FringeField(
+        band, x, y, zone, rows, columns, pixel_m, coherency.labels, coherency.family, coherency.order,
+        np.zeros((len(coherency.labels), 2), dtype=np.int64), power,
+        error if len(error) else np.zeros(len(coherency.labels)), 0.0, pairs, sigma0, (), (), 0.0, 0.0,
+    )  # fmt: skip

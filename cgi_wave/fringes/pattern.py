@@ -94,13 +94,14 @@ class _Sums:
 
 
 def fringe_patterns(
-    zone: FringeField, sigma: Array, weights: Array, tolerance: float = 1e-7, pixel: bool = True
+    zone: FringeField, sigma: Array, weights: Array, tolerance: float = 1e-7, pixel: bool = True, apart: bool = True
 ) -> tuple[Layer, ...]:
     """Patterns of all layers of a fringe field, the nominal one first.
 
     sigma (S,) 1/m ascending; weights (C, S): filter × spectral shape, the first ≥ 0: its integral makes the unit.
     tolerance: largest error of the reduction, as a share of the nominal baseline; pixel: average over pixels (to second
-    order of what changes within one), or take their centres.
+    order of what changes within one), or take their centres; apart: False puts all families into the first layer, which
+    is all that a uniform scene needs.
 
     A pair whose fringes, less a multiple of the nominal ones, are not smooth on the finest of GRIDS is left out, with
     its amplitude as the bound. Raises InputError for weights that do not fit; MethodLimitError if the spectral step
@@ -119,7 +120,7 @@ def fringe_patterns(
             nominal.missed / allowed, "trace fewer field points, or raise the tolerance",
         )  # fmt: skip
     layers = []
-    for name, s in _layers(zone, found, reduced).items():
+    for name, s in _layers(zone, found, reduced, zone.views if apart else ()).items():
         pattern = _to_pixels(zone, s)
         numerical = s.numerical + 2.0 * lost * float(np.abs(pattern[0]).max())
         error = s.contrast + s.power + s.interpolation + s.left_out + numerical
@@ -207,11 +208,16 @@ def _resolved(
     return _Resolved(h, None, largest * float(np.abs(pair.gamma).max()), missed)
 
 
-def _layers(zone: FringeField, found: Sequence[_Resolved], reduced: Array) -> dict[str, _Sums]:
-    """Sums of all layers, the nominal one first, each on the finest grid that one of its pairs needs."""
-    seen: dict[int, str] = {0: "nominal"}
+def _layers(
+    zone: FringeField, found: Sequence[_Resolved], reduced: Array, views: Sequence[SceneView]
+) -> dict[str, _Sums]:
+    """Sums of all layers, the nominal one first, each on the finest grid that one of its pairs needs.
+
+    Families without a view belong to the nominal layer.
+    """
+    seen = dict.fromkeys(zone.family.tolist(), "nominal")
     sums = {"nominal": _Sums(None, _grid(zone, GRIDS[0]))}
-    for view in zone.views:
+    for view in views:
         same = _onto_itself(zone, view)
         seen[view.family] = "nominal" if same else view.name
         if not same:
@@ -221,8 +227,8 @@ def _layers(zone: FringeField, found: Sequence[_Resolved], reduced: Array) -> di
         if one.envelope is not None and one.envelope.shape[1] > len(own.grid[0]):
             own.grid = _grid(zone, one.envelope.shape[1:])
     unit = reduced.sum(axis=1)
-    for number, family in enumerate(zone.family):
-        own = sums[seen[int(family)]]
+    for number, family in enumerate(zone.family.tolist()):
+        own = sums[seen[family]]
         to_y, to_x = zone.to(*own.grid)
         group = _group(own, _passes(zone, (number,)), len(unit))
         group.base += unit[:, None, None] * (to_y @ zone.transmission[number] @ to_x)

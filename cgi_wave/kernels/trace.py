@@ -37,14 +37,19 @@ APERTURE_COLUMNS = 5
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
-def _meeting(turned: bool, shape: int):
+def _named(function, name: str):
+    """Compile under a name of its own: cached code of two processes, linked by names, would call a namesake's."""
+    function.__name__ = function.__qualname__ = name
+    return njit(**_JIT)(function)
+
+
+def _meeting(name: str, turned: bool, shape: int):
     """Compile the move of a slice into the next local frame and onto its surface, for frames of one kind.
 
     turned: whether the frame is rotated against the last one; shape: PLANE, SPHERE or CONIC. What a frame does not need
     is left out of the loop, of which divisions and square roots are the greater part.
     """
 
-    @njit(**_JIT)
     def meet(x, y, z, l, m, n, way, opl, rot, shift, curvature, conic, index, side):  # noqa: E741
         r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
         r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
@@ -92,12 +97,13 @@ def _meeting(turned: bool, shape: int):
             bad += int(missed | (t < 0.0) | (side * dn < 0.0))
         return bad
 
-    return meet
+    return _named(meet, name)
 
 
-_meet_plane, _meet_plane_turned = _meeting(False, PLANE), _meeting(True, PLANE)
-_meet_sphere, _meet_sphere_turned = _meeting(False, SPHERE), _meeting(True, SPHERE)
-_meet_conic, _meet_conic_turned = _meeting(False, CONIC), _meeting(True, CONIC)
+_meet_plane, _meet_plane_turned = _meeting("meet_plane", False, PLANE), _meeting("meet_plane_turned", True, PLANE)
+_meet_conic, _meet_conic_turned = _meeting("meet_conic", False, CONIC), _meeting("meet_conic_turned", True, CONIC)
+_meet_sphere = _meeting("meet_sphere", False, SPHERE)
+_meet_sphere_turned = _meeting("meet_sphere_turned", True, SPHERE)
 
 
 @njit(**_JIT)
@@ -193,10 +199,9 @@ def _tangent_bend(x, y, z, l, m, n, dx, dy, dz, dl, dm, dn, curvature, conic, n1
         dn[i] = keep * dn[i] + dg * nz + g * uz
 
 
-def _bending(shape: int):
+def _bending(name: str, shape: int):
     """Compile refraction and reflection of a slice at surfaces of one shape."""
 
-    @njit(**_JIT)
     def bend(x, y, z, l, m, n, cos_in, cos_out, curvature, conic, n1, n2, reflect):  # noqa: E741
         k1 = curvature * (1.0 + conic)
         ratio = n1 / n2
@@ -225,10 +230,11 @@ def _bending(shape: int):
             bad += int(disc < 0.0)
         return bad
 
-    return bend
+    return _named(bend, name)
 
 
-_bend_plane, _bend_sphere, _bend_conic = _bending(PLANE), _bending(SPHERE), _bending(CONIC)
+_bend_plane, _bend_sphere = _bending("bend_plane", PLANE), _bending("bend_sphere", SPHERE)
+_bend_conic = _bending("bend_conic", CONIC)
 
 
 @njit(**_JIT)

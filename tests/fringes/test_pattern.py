@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from fringe_scenes import PITCH, ROWS, retro_family
 from synthetic_fields import BAND, SIGMA0, dark_row, direct, field, michelson, spectrum
 
 from cgi_wave.errors import InputError, MethodLimitError
+from cgi_wave.fringes.field import frozen
 from cgi_wave.fringes.pattern import fringe_patterns
+from cgi_wave.fringes.psi import synthesise
 
 
 def test_every_layer_and_shape_is_the_sum_of_all_terms():
@@ -103,3 +106,23 @@ def test_fringes_that_no_grid_resolves_are_left_out_with_their_amplitude():
     rough = [(0, 1, lambda s, u, v: np.sign(u - v), lambda s, u, v: 1e-6 * v)]
     with pytest.raises(MethodLimitError, match="nominal contrast"):
         fringe_patterns(field(rough, powers[:2], [0, 0], arms[:2], nodes=(60, 50)), *spectrum(400))
+
+
+def test_layers_together_are_their_sum():
+    zone, light = michelson(shadows=[dark_row(112)]), spectrum(200)
+    (whole,) = fringe_patterns(zone, *light, apart=False)
+    parts = fringe_patterns(zone, *light)
+    np.testing.assert_allclose(whole.pattern, sum(layer.pattern for layer in parts), atol=1e-13)
+    assert whole.error == pytest.approx(sum(layer.error for layer in parts), rel=1e-3)
+
+
+def test_a_field_point_held_over_the_zone_gives_the_interferogram_of_one_dimension():
+    """Every book-keeping's beams and pairs, rows of finite height, a spectrum with a coherent rise, odd columns."""
+    rows, height = 450, PITCH
+    held = retro_family(1.33e-3, 0.045, shear=0.7)
+    sigma = np.linspace(SIGMA0 - 4e3, SIGMA0 + 4e3, 400)
+    weight = np.exp(-(((sigma - SIGMA0) / 1.7e3) ** 4)) * (1.0 + 0.5 * np.cos(2.0 * np.pi * (sigma - SIGMA0) * 1.33e-3))
+    exact = synthesise(held, sigma, weight, ROWS, height).coherent.irradiance
+    zone = (-4.5 * PITCH, 2.5 * PITCH, ROWS[0] - 0.5 * PITCH, ROWS[-1] + 0.5 * PITCH)
+    (layer,) = fringe_patterns(frozen(held, SIGMA0, zone, (0, rows), (0, 7), PITCH), sigma, weight)
+    np.testing.assert_allclose(layer.pattern[0], np.repeat(exact[:, None], 7, axis=1), atol=1e-11)
