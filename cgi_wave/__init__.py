@@ -77,6 +77,14 @@ _HOME = {
     "analyse_band": "analysis",
     "list_bands": "analysis",
     "zone_rows": "analysis",
+    # frames over scenes, the scroll
+    "Detector": "fringes.detector",
+    "frame": "frames",
+    "fringe_field": "fields",
+    "load_field": "fringes.field_file",
+    "point_parts": "pointparts",
+    "save_field": "fringes.field_file",
+    "scroll": "scrolling",
     # pictures
     "plot_contrast": "report.plots",
     "plot_irradiance": "report.plots",

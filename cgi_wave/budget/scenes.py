@@ -55,16 +55,18 @@ def band_scene(
     orientation: str | None = None,
     scale: float | None = None,
     offset: float = 0.0,
+    zone: tuple[float, float, float, float] | None = None,
 ) -> Scene:
     """A scene over the band's zone, large enough for ``frames`` frames, each ``step`` rows after the one before.
 
-    scene : one of ``NAMES``, with the builders' default contrasts, or a file (``load_scene``, which takes the last four
-    arguments). The embedded image is mirrored to the size needed; a file only if ``tile`` says so.
+    scene : one of ``NAMES``, with the builders' default contrasts, or a file (``load_scene``, which takes ``file_pixel_m``
+    to ``offset``). The embedded image is mirrored to the size needed; a file only if ``tile`` says so.
     margin : pixels more on all sides, for blur and for ghosts that bring in what lies beside the zone
+    zone : x_min, x_max, y_min, y_max on the detector, m, to be covered instead of the band's own (dead zones, say)
 
     Raises InputError for an unknown name, for a file that is too small, and as ``load_scene`` does.
     """
-    x0, x1, y0, y1 = system.zone()
+    x0, x1, y0, y1 = system.zone() if zone is None else zone
     columns = round((x1 - x0) / system.pixel) + 2 * margin
     rows = round((y1 - y0) / system.pixel) + int(np.ceil((frames - 1) * step - 1e-9)) + 2 * margin
     here = canvas(system)
