@@ -87,9 +87,14 @@ _HOME = {
     "scroll": "scrolling",
     # pictures
     "plot_contrast": "report.plots",
+    "plot_frame": "report.frame_plots",
     "plot_irradiance": "report.plots",
     "plot_layout": "report.plots",
+    "plot_nma_error": "report.frame_plots",
+    "plot_point": "report.frame_plots",
+    "plot_point_spectrum": "report.frame_plots",
     "plot_psf": "report.plots",
+    "plot_waterfall": "report.frame_plots",
 }
 
 __all__ = ["__version__", *_HOME]

@@ -123,11 +123,14 @@ def frame(
     errors = errors_of(ready)
     uniform = np.sum([layer.pattern[0] for layer in ready.layers], axis=0)
     dark = dead_rows(traced)
-    lit = ~np.isin(np.arange(len(uniform)), np.concatenate([np.arange(a, b) for a, b in dark] or [np.empty(0)]))
+    lit = np.ones(len(uniform), bool)
+    for first, last in dark:
+        lit[first:last] = False
+    contrast = _fringe_contrast(uniform[lit], ready.phase[lit])
     return Frame(
         band, ready.zone.x_m, ready.zone.y_m, traced.rows, traced.columns, taken, nominal,
         ready.phase / (2.0 * np.pi * traced.sigma0), traced.sigma0, float(taken.mean()),
-        float(taken.std() / taken.mean()), _fringe_contrast(uniform[lit], ready.phase[lit]), sum(errors.values()), errors,
+        float(taken.std() / taken.mean()), contrast, sum(errors.values()), errors,
         tuple(layer.name for layer in ready.layers), ready.beams.plans, traced.shadows,
         tuple((a + traced.rows[0], b + traced.rows[0]) for a, b in dark), ready.scene.source, shift, loaded.name,
         loaded.hash, watch.seconds,

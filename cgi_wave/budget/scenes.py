@@ -59,8 +59,8 @@ def band_scene(
 ) -> Scene:
     """A scene over the band's zone, large enough for ``frames`` frames, each ``step`` rows after the one before.
 
-    scene : one of ``NAMES``, with the builders' default contrasts, or a file (``load_scene``, which takes ``file_pixel_m``
-    to ``offset``). The embedded image is mirrored to the size needed; a file only if ``tile`` says so.
+    scene : one of ``NAMES``, with the builders' default contrasts, or a file (``load_scene``, which takes
+    ``file_pixel_m`` to ``offset``). The embedded image is mirrored to the size needed; a file only if ``tile`` says so.
     margin : pixels more on all sides, for blur and for ghosts that bring in what lies beside the zone
     zone : x_min, x_max, y_min, y_max on the detector, m, to be covered instead of the band's own (dead zones, say)
 

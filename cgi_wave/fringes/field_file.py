@@ -1,4 +1,4 @@
-"""Fringe fields in NetCDF files, so that a band is traced once. What is read back equals what was written, to the bit."""
+"""Fringe fields in NetCDF files, so that a band is traced once; what is read equals what was written, to the bit."""
 
 from __future__ import annotations
 
