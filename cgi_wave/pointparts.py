@@ -76,9 +76,10 @@ def point_parts(ready: Ready, moves: Motion, ground: int, column: int) -> PointP
         own = (replace(layers[0], pattern=layers[0].pattern - bare[0].pattern), *layers[1:])
         parts[view.name] = _along(ready, own, narrow, strip, moves, *at)
     rest = parasitic - np.sum([*parts.values(), np.zeros_like(nominal)], axis=0)
+    frequency: Array = np.fft.rfftfreq(len(seen), field.pixel_m).astype(np.float64)
     return PointParts(
         ground, float(field.x_pixels[column]), row[seen], field.y_pixels[row[seen]], nominal, parasitic, parts, rest,
-        np.asarray(np.fft.rfftfreq(len(seen), field.pixel_m), dtype=np.float64), _spectrum(nominal), _spectrum(parasitic), _lines(field, sigma, weights[0], column),
+        frequency, _spectrum(nominal), _spectrum(parasitic), _lines(field, sigma, weights[0], column),
     )  # fmt: skip
 
 

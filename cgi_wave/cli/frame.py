@@ -172,7 +172,8 @@ def scroll(
     errors, relation = found.errors, found.relation
     click.echo(
         f"ground          {len(found.nominal.ground)} rows of {len(found.x_m)} points, from {found.frames} frames\n"
-        f"fit             {found.nominal.window} rows, {found.nominal.fringes} fringes of {found.rows_per_fringe:.2f} rows\n"
+        f"fit             {found.nominal.window} rows, {found.nominal.fringes} fringes, "
+        f"{found.rows_per_fringe:.2f} rows each\n"
         f"NMA             {found.nominal.nma.mean():.5f} nominal, {found.recorded.nma.mean():.5f} recorded\n"
         f"NMA error       {errors.mean:+.5f} mean, {errors.spread:.5f} spread, {errors.low:+.5f} to {errors.high:+.5f} "
         "(95 %)\n"
