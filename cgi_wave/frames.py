@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fringefield import zone_of, zone_rows_lit
 from cgi_wave.budget.scenes import band_scene
-from cgi_wave.budget.setting import band_spectrum
+from cgi_wave.budget.setting import filter_of
 from cgi_wave.errors import InputError
 from cgi_wave.fields import fringe_field
 from cgi_wave.fringes.beams_on_scene import Beams, LayerPlan, prepare
@@ -33,7 +33,7 @@ Progress = Callable[[str], None]
 #: Largest error that the choices for images add to a frame, relative irradiance times the scene's largest value.
 IMAGES = 1e-6
 #: Pixels beyond the zone up to which an embedded scene goes on, where ghosts look; beyond, its edge does.
-WIDEST_MARGIN = 1024
+WIDEST_MARGIN = 256
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def ready_for(
     system = loaded.band(field.band)
     progress(f"{field.band}: scene")
     placed = _placed(system, field.zone, scene, reach, _margin(field) if ghosts and scene == "landsat" else 0)
-    _, band_filter = band_spectrum(system)
+    band_filter = filter_of(system)
     weights = band_filter.transmission(placed.sigma) * placed.shapes
     watch.lap("scene")
     progress(f"{field.band}: patterns of {len(field.pairs)} pairs of beams and {len(placed.shapes)} spectral shapes")

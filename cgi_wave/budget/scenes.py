@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cgi_wave.budget.setting import FILE_OPD, band_spectrum
+from cgi_wave.budget.setting import FILE_OPD, band_spectrum, filter_of
 from cgi_wave.errors import InputError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.scene.builders import edge, point, quadrants, uniform
@@ -81,7 +81,7 @@ def band_scene(
         }
         made = builders[str(scene)](here, rows, columns)
     elif Path(scene).suffix:
-        _, band_filter = band_spectrum(system)
+        band_filter = filter_of(system)
         opd = FILE_OPD * system.spec.target_opd_mm * 1e-3
         made = load_scene(scene, here, band_filter, opd, file_pixel_m, orientation, scale, offset)
         if tile is not None:
