@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 @cache
 def _light():
     """The band's light, sampled for the millimetres of this field instead of the metres of a real one: quick."""
-    return band_spectrum(load_instrument(None).band("NIR"), 0.01)
+    return band_spectrum(load_instrument(None).band("NIR"), 0.004)
 
 
 @pytest.fixture
