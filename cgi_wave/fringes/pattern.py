@@ -258,13 +258,12 @@ def _envelope(
     own = zone.sigma0 * own
     spread, other = carrier - carrier.mean(), own - own.mean()
     h = int(np.rint((spread * other).sum() / max((spread * spread).sum(), 1e-300)))
+    smooth, opd = amplitude * (to[0] @ pair.gamma @ to[1]), to[0] @ pair.opd_m @ to[1]
+    if pixel:  # at the pair's own wavenumbers: what a pixel takes away hardly changes over the band
+        smooth = _pixel_mean(smooth, pair.sigma[:, None, None] * opd, y, x, zone.pixel_m)
     to_node = chebyshev.interpolation_matrix(pair.sigma, node) if len(pair.sigma) > 1 else np.ones((len(node), 1))
-    gamma, opd = (np.tensordot(to_node, to[0] @ values @ to[1], 1) for values in (pair.gamma, pair.opd_m))
-    wave = node[:, None, None]
-    term = amplitude * gamma
-    if pixel:
-        term = _pixel_mean(term, wave * opd, y, x, zone.pixel_m)
-    term *= np.exp(2j * np.pi * (wave * opd - h * (to[0] @ carrier @ to[1])))
+    turns = node[:, None, None] * np.tensordot(to_node, opd, 1) - h * (to[0] @ carrier @ to[1])
+    term = np.tensordot(to_node, smooth, 1) * np.exp(2j * np.pi * turns)
     left = np.tensordot(reduced, term, 1)
     error = 0.0
     if len(node) > 1:
@@ -273,7 +272,7 @@ def _envelope(
 
 
 def _pixel_mean(envelope: Complex, cycles: Array, y: Array, x: Array, pitch: float) -> Complex:
-    """Envelope (J, My, Mx) of the fringes exp(i 2π cycles), averaged over pixels of ``pitch``.
+    """Envelope (S, My, Mx) of the fringes exp(i 2π cycles), averaged over pixels of ``pitch``.
 
     To the second order of what envelope and phase change by within a pixel, beyond a phase that is linear there: with
     its slope k (rad/m) and S(k) = sin(k pitch/2)/(k pitch/2), the means of δⁿ exp(ikδ) are (−i d/dk)ⁿ S.

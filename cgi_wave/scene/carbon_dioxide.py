@@ -44,8 +44,8 @@ class Band:
 
 #: 30012: least squares, made for this module, over the positions (J′ ≤ 60, largest residual 6e-5 cm⁻¹) and intensities
 #: of the HITRAN-derived list in the NIST MATS repository; it is no independent check of them. The others: established
-#: origins and B′, with D′ = D″ (an error of 0.02 cm⁻¹ at J = 30), and band intensities rounded to two digits
-#: (Toth et al., JQSRT 109, 906 (2008)); nothing was at hand here to compare them with.
+#: origins and B′, with D′ = D″ (an error of 0.02 cm⁻¹ at J = 30), and band intensities from memory, rounded to two
+#: digits: no list was at hand to compare them with.
 BANDS = {
     "30013": Band(6227.917e2, 0.386713e2, 4.4e-24),
     "30012": Band(6347.85088e2, 0.386455097e2, 4.489e-24, 9.83675e-6, 6.0096e-11, 2.808e-4, -1.542e-5),
