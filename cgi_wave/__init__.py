@@ -77,11 +77,24 @@ _HOME = {
     "analyse_band": "analysis",
     "list_bands": "analysis",
     "zone_rows": "analysis",
+    # frames over scenes, the scroll
+    "Detector": "fringes.detector",
+    "frame": "frames",
+    "fringe_field": "fields",
+    "load_field": "fringes.field_file",
+    "point_parts": "pointparts",
+    "save_field": "fringes.field_file",
+    "scroll": "scrolling",
     # pictures
     "plot_contrast": "report.plots",
+    "plot_frame": "report.frame_plots",
     "plot_irradiance": "report.plots",
     "plot_layout": "report.plots",
+    "plot_nma_error": "report.frame_plots",
+    "plot_point": "report.frame_plots",
+    "plot_point_spectrum": "report.frame_plots",
     "plot_psf": "report.plots",
+    "plot_waterfall": "report.frame_plots",
 }
 
 __all__ = ["__version__", *_HOME]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cgi_wave.budget.setting import FILE_OPD, band_spectrum
+from cgi_wave.budget.setting import FILE_OPD, band_spectrum, filter_of
 from cgi_wave.errors import InputError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.scene.builders import edge, point, quadrants, uniform
@@ -55,16 +55,18 @@ def band_scene(
     orientation: str | None = None,
     scale: float | None = None,
     offset: float = 0.0,
+    zone: tuple[float, float, float, float] | None = None,
 ) -> Scene:
     """A scene over the band's zone, large enough for ``frames`` frames, each ``step`` rows after the one before.
 
-    scene : one of ``NAMES``, with the builders' default contrasts, or a file (``load_scene``, which takes the last four
-    arguments). The embedded image is mirrored to the size needed; a file only if ``tile`` says so.
+    scene : one of ``NAMES``, with the builders' default contrasts, or a file (``load_scene``, which takes
+    ``file_pixel_m`` to ``offset``). The embedded image is mirrored to the size needed; a file only if ``tile`` says so.
     margin : pixels more on all sides, for blur and for ghosts that bring in what lies beside the zone
+    zone : x_min, x_max, y_min, y_max on the detector, m, to be covered instead of the band's own (dead zones, say)
 
     Raises InputError for an unknown name, for a file that is too small, and as ``load_scene`` does.
     """
-    x0, x1, y0, y1 = system.zone()
+    x0, x1, y0, y1 = system.zone() if zone is None else zone
     columns = round((x1 - x0) / system.pixel) + 2 * margin
     rows = round((y1 - y0) / system.pixel) + int(np.ceil((frames - 1) * step - 1e-9)) + 2 * margin
     here = canvas(system)
@@ -79,7 +81,7 @@ def band_scene(
         }
         made = builders[str(scene)](here, rows, columns)
     elif Path(scene).suffix:
-        _, band_filter = band_spectrum(system)
+        band_filter = filter_of(system)
         opd = FILE_OPD * system.spec.target_opd_mm * 1e-3
         made = load_scene(scene, here, band_filter, opd, file_pixel_m, orientation, scale, offset)
         if tile is not None:

@@ -52,6 +52,12 @@ def band_setting(system: OpticalSystem) -> Setting:
     )  # fmt: skip
 
 
+def filter_of(system: OpticalSystem) -> Filter:
+    """The band's filter. Raises InputError."""
+    declared = system.spec.filter
+    return Filter(declared.centre_nm * NM, declared.fwhm_nm * NM, declared.shape)
+
+
 def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spectrum, Filter]:
     """Radiance and filter of a band as its instrument file declares them.
 
@@ -59,7 +65,7 @@ def band_spectrum(system: OpticalSystem, max_opd: float = MAX_OPD) -> tuple[Spec
     is taken as drawn straight between its samples. Raises InputError.
     """
     spec = system.spec
-    band_filter = Filter(spec.filter.centre_nm * NM, spec.filter.fwhm_nm * NM, spec.filter.shape)
+    band_filter = filter_of(system)
     if spec.spectrum.kind == "file":
         if spec.spectrum.file is None:
             field = f"band.{system.band}.spectrum.file"

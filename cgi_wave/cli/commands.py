@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cgi_wave.cli.frame import frame, scroll
 from cgi_wave.cli.rank import rank
 from cgi_wave.cli.shared import check_bands as _check_bands
 from cgi_wave.cli.shared import check_tolerance as _check_tolerance
@@ -336,7 +337,7 @@ def validate(name: str | None, options: tuple[str, ...], as_json: bool) -> int:
     return subprocess.run(words, check=False).returncode
 
 
-COMMANDS = (run, ghosts, psi, plan, rank, flux, contrast, import_, validate, draw)
+COMMANDS = (run, ghosts, psi, frame, scroll, plan, rank, flux, contrast, import_, validate, draw)
 
 
 def _is_study(file: Path) -> bool:

@@ -13,7 +13,7 @@ rates give some ground rows a row twice or not at all, and those get their own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -192,8 +192,16 @@ def retrieve_ground(
     done: list[tuple[int, Array, Array, int]] = []
     for frame in frames:
         done.extend(run.add(frame))
+    return collected(done, fit, len(moves.rows))
+
+
+def collected(done: Sequence[tuple[int, Array, Array, int]], fit: Window, frames: int) -> Retrieved:
+    """Maps of the ground rows that ``GroundFit.add`` gave over a sequence of so many frames.
+
+    Raises InputError when there is none.
+    """
     if not done:
-        raise InputError("retrieval", "frames", len(moves.rows), f"no ground point passes all of {len(fit.rows)} rows",
+        raise InputError("retrieval", "frames", frames, f"no ground point passes all of {len(fit.rows)} rows",
                          f"take {len(fit.rows)} frames or more")  # fmt: skip
     term = np.array([item[1] for item in done])
     baseline, modulation = term[:, 0], np.hypot(term[:, 2], term[:, 3])

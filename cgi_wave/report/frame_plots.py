@@ -1,0 +1,147 @@
+"""Pictures of frames and scrolls. Each ``plot_*(result, ax=None)`` draws what it is given and returns the Axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cgi_wave.frames import Frame
+    from cgi_wave.pointparts import PointParts
+    from cgi_wave.scrolling import Scrolled
+
+#: Families of ghosts drawn each on its own; the weaker ones are in the sum only.
+FAMILIES = 8
+#: Fringe frequencies marked in the spectrum.
+MARKS = 12
+
+
+def plot_frame(result: Frame, ax: Axes | None = None) -> Axes:
+    """The frame on the detector, in mm; edges of dead zones dashed."""
+    ax = _axes(ax, (7.0, 4.2))
+    x, y = result.x_m * 1e3, result.y_m * 1e3
+    image = ax.imshow(result.frame, origin="lower", extent=_extent(x, y), cmap="gray", interpolation="nearest")
+    ax.figure.colorbar(image, ax=ax, label="irradiance / input (dimensionless)", shrink=0.8)
+    pitch = y[1] - y[0]
+    for span in result.dead_rows:
+        for edge in span:
+            at = y[0] + (edge - result.rows[0] - 0.5) * pitch
+            if y[0] < at < y[-1]:
+                ax.axhline(at, color="C3", lw=0.8, ls="--")
+    ax.set(xlabel="x across track (mm)", ylabel="y along track (mm)", title=f"{result.band}: {_first(result.scene)}")
+    return ax
+
+
+def plot_point(result: PointParts, ax: Axes | None = None) -> Axes:
+    """Nominal interferogram of one ground point (left axis), and what ghosts add, in all and by family (right axis)."""
+    ax = _axes(ax, (9.0, 4.8))
+    y = result.y_m * 1e3
+    ax.plot(y, result.nominal, color="0.6", label="nominal (left)")
+    ax.set(xlabel="y along track (mm)", ylabel="irradiance / input (dimensionless)")
+    right = ax.twinx()
+    right.plot(y, result.parasitic, color="C3", lw=1.2, label="parasitic, all (right)")
+    strongest = sorted(result.parts, key=lambda name: -float(np.abs(result.parts[name]).max()))
+    for number, name in enumerate(strongest[:FAMILIES]):
+        right.plot(y, result.parts[name], color=f"C{number % 10}", lw=0.8, ls="--", label=f"{name} (right)")
+    right.plot(y, result.rest, color="0.3", lw=0.8, ls=":", label="between families (right)")
+    right.set_ylabel("parasitic part / input (dimensionless)")
+    lines = [*ax.get_lines(), *right.get_lines()]
+    ax.legend(lines, [str(line.get_label()) for line in lines], loc="lower center", bbox_to_anchor=(0.5, 1.0),
+              ncols=3, frameon=False, fontsize="small")  # fmt: skip
+    return ax
+
+
+def plot_point_spectrum(result: PointParts, ax: Axes | None = None) -> Axes:
+    """Spectrum of the interferogram along y, with the fringe frequency of the strongest pairs with a ghost marked."""
+    ax = _axes(ax, (8.0, 4.5))
+    frequency = result.frequency * 1e-3
+    floor = 1e-9 * float(result.nominal_spectrum.max())
+    ax.semilogy(frequency, np.maximum(result.nominal_spectrum, floor), color="0.5", label="nominal")
+    ax.semilogy(frequency, np.maximum(result.parasitic_spectrum, floor), color="C3", label="parasitic")
+    drawn: dict[str, int] = {}
+    for name, at, amplitude in result.lines[:MARKS]:
+        new = name not in drawn
+        colour = drawn.setdefault(name, len(drawn))
+        ax.plot([at * 1e-3], [max(amplitude, floor)], "v", color=f"C{colour % 10}", label=name if new else None)
+        ax.axvline(at * 1e-3, color=f"C{colour % 10}", lw=0.6, ls=":")
+    ax.set(xlabel="fringe frequency along y (1/mm)", ylabel="amplitude / input (dimensionless)")
+    ax.legend(fontsize="small", frameon=False)
+    return ax
+
+
+def plot_nma_error(result: Scrolled, ax: Axes | None = None) -> Axes:
+    """Map of the NMA error on the ground, per cent; positive where the NMA falls."""
+    ax = _axes(ax, (7.0, 4.8))
+    values = 100.0 * result.errors.error
+    x, y = result.x_m * 1e3, result.y_m * 1e3
+    image = ax.imshow(values, origin="lower", extent=_extent(x, y), cmap="viridis", interpolation="nearest",
+                      vmin=100.0 * result.errors.low, vmax=100.0 * result.errors.high)  # fmt: skip
+    ax.figure.colorbar(image, ax=ax, label="NMA error (%)", shrink=0.8, extend="both")
+    ax.set(xlabel="X across track (mm on the detector)", ylabel="Y along track (mm on the detector)",
+           title=f"{result.band}: {_first(result.scene)}")  # fmt: skip
+    return ax
+
+
+def plot_waterfall(result: Scrolled, ax: Axes | None = None, shown: int = 6) -> Axes:
+    """A strip of some frames of the scroll, side by side, from left to right."""
+    ax = _axes(ax, (10.0, 3.4))
+    chosen = np.unique(np.linspace(0, len(result.stills) - 1, shown).astype(int))
+    height, width = result.stills.shape[1:]
+    low, high = float(result.stills.min()), float(result.stills.max())
+    gap = max(1, width // 40)
+    for place, k in enumerate(chosen.tolist()):
+        left = place * (width + gap)
+        ax.imshow(result.stills[k], origin="lower", extent=(left, left + width, 0.0, height), cmap="gray", vmin=low,
+                  vmax=high, interpolation="nearest")  # fmt: skip
+        ax.text(left + 0.5 * width, height, f"frame {result.still_frames[k]}", ha="center", va="bottom",
+                fontsize="small")  # fmt: skip
+    ax.set_xlim(0, len(chosen) * (width + gap) - gap)
+    ax.set_ylim(0, height)
+    ax.set_axis_off()
+    return ax
+
+
+def write_movie(path: Path, result: Scrolled) -> None:
+    """The kept frames as an animated GIF."""
+    from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    height, width = result.stills.shape[1:]
+    figure = Figure(figsize=(width / 80.0 + 0.2, height / 80.0 + 0.4), dpi=80)
+    FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.0, 0.0, 1.0, 0.9))
+    ax.set_axis_off()
+    image = ax.imshow(result.stills[0], origin="lower", cmap="gray", vmin=float(result.stills.min()),
+                      vmax=float(result.stills.max()), interpolation="nearest")  # fmt: skip
+    title = ax.set_title("", fontsize="small")
+
+    def draw(k: int) -> list[object]:
+        image.set_data(result.stills[k])
+        title.set_text(f"frame {result.still_frames[k]}")
+        return [image, title]
+
+    moving = FuncAnimation(figure, draw, frames=len(result.stills), blit=False)  # type: ignore[arg-type]
+    moving.save(str(path), writer=PillowWriter(fps=8))
+
+
+def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    _, made = plt.subplots(figsize=size, layout="constrained")
+    return made
+
+
+def _extent(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float, float]:
+    half = 0.5 * float(x[1] - x[0])
+    return float(x[0]) - half, float(x[-1]) + half, float(y[0]) - half, float(y[-1]) + half
+
+
+def _first(source: str) -> str:
+    return source.partition("; ")[0].partition(", ")[0]
