@@ -145,7 +145,7 @@ def within(cases: Sequence[library.Case], largest: float) -> list[library.Case]:
 
 
 def study(
-    cases: int = 10000,
+    cases: int = 11500,
     seed: int = 1,
     method: Method = package,
     methods: Sequence[OverlapMethod] = (),
@@ -222,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Command line; see the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print the figures as one JSON document")
-    parser.add_argument("--cases", type=int, default=10000, help="random cases (default %(default)s)")
+    parser.add_argument("--cases", type=int, default=11500, help="random cases (default %(default)s)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--method", choices=sorted(METHODS), default="package")
     parser.add_argument("--out", type=Path, default=OUT)

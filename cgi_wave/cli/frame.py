@@ -120,7 +120,7 @@ def scroll(
     """Scroll a scene past BAND, and retrieve M, B and NMA of the ground.
 
     Frame by frame, with and without ghosts: maps of M, B and NMA, of the NMA error, and how it goes with the contrast
-    of albedo. Memory does not grow with the frames.
+    of albedo. Frames pass through one by one; the maps grow with the ground.
     """
     from cgi_wave.report import frame_file, output
 

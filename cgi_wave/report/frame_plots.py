@@ -24,8 +24,10 @@ def plot_frame(result: Frame, ax: Axes | None = None) -> Axes:
     """The frame on the detector, in mm; edges of dead zones dashed."""
     ax = _axes(ax, (7.0, 4.2))
     x, y = result.x_m * 1e3, result.y_m * 1e3
-    image = ax.imshow(result.frame, origin="lower", extent=_extent(x, y), cmap="gray", interpolation="nearest")
-    ax.figure.colorbar(image, ax=ax, label="irradiance / input (dimensionless)", shrink=0.8)
+    low, high = np.percentile(result.frame, [0.2, 99.8])  # a few bright roofs would leave the rest dark
+    image = ax.imshow(result.frame, origin="lower", extent=_extent(x, y), cmap="gray", interpolation="nearest",
+                      vmin=low, vmax=high)  # fmt: skip
+    ax.figure.colorbar(image, ax=ax, label="irradiance / input (dimensionless)", shrink=0.8, extend="both")
     pitch = y[1] - y[0]
     for span in result.dead_rows:
         for edge in span:
