@@ -26,29 +26,35 @@ Method = Literal["nothing", "box", "separable", "direct", "fourier"]
 #: Nanoseconds per map sample, measured on one core; only their ratios matter: the box per pass, a tap of a one-way
 #: convolution, a tap of a two-way one, a Fourier transform and back per sample and power of two.
 COST_BOX, COST_LINE, COST_TAP, COST_FOURIER = 8.0, 1.2, 1.6, 8.0
+#: Taps of a kernel up to which it is applied directly: SciPy's tables take the square of their number.
+MOST_TAPS = 1500
 
 
 @dataclass(frozen=True)
 class Blur:
-    """How a kernel is applied. error: bound for a map of unit range; cost: ns per sample; parts: its factors."""
+    """How a kernel is applied. error: bound for a map of unit range; cost: ns per sample; parts: its factors; single:
+    a Fourier transform works in float32."""
 
     method: Method
     error: float
     cost: float
     parts: tuple[Array, ...] = ()
+    single: bool = False
 
 
 def choose(kernel: Array | None, tolerance: float, samples: int, single: bool = False) -> Blur:
     """The cheapest way to convolve a map of ``samples`` values within [0, 1] to within ``tolerance``.
 
-    ``single``: the Fourier transform may work in float32 (its bound then says so). Direct convolution is always
-    allowed: its bound is rounding.
+    ``single``: the Fourier transform may work in float32 (its bound then says so). In float64 it is always allowed, and
+    small kernels directly: their bounds are rounding.
     """
     if kernel is None:
         return Blur("nothing", 0.0, 0.0)
-    options = [_nothing(kernel), _box(kernel), _separable(kernel), _direct(kernel), _fourier(kernel, samples, single)]
+    options = [_nothing(kernel), _box(kernel), _separable(kernel)]
+    options += [_fourier(kernel, samples, True)] if single else []
+    exact = [_fourier(kernel, samples, False)] + ([_direct(kernel)] if kernel.size <= MOST_TAPS else [])
     allowed = [option for option in options if option is not None and option.error <= tolerance]
-    return min(allowed or [_direct(kernel)], key=lambda option: option.cost)
+    return min([*allowed, *exact], key=lambda option: option.cost)
 
 
 def correlate(maps: NDArray[np.floating], blur: Blur, kernel: Array | None, wrap: bool) -> NDArray[np.floating]:
@@ -68,7 +74,7 @@ def _one(image: NDArray[np.floating], blur: Blur, kernel: Array, mode: str) -> N
     from scipy import ndimage
 
     if blur.method == "fourier":
-        return _by_fourier(image, kernel, mode)
+        return _by_fourier(image if blur.single else image.astype(np.float64), kernel, mode)
     precise = image.astype(np.float64)
     if blur.method == "direct":  # ndimage pads one mode per call; the sides are padded here to have two of them
         rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
@@ -160,4 +166,5 @@ def _fourier(kernel: Array, samples: int, single: bool) -> Blur:
     eps = 6e-8 if single else 1.2e-16
     energy = float(np.sqrt((kernel**2).sum() * samples))
     bits = np.log2(max(samples, 2) * 4.0)
-    return Blur("fourier", float(eps * bits * max(energy, 1.0)), COST_FOURIER * bits / 4.0 * 2.0)
+    cost = COST_FOURIER * bits / 4.0 * (2.0 if single else 3.0)
+    return Blur("fourier", float(eps * bits * max(energy, 1.0)), cost, single=single)
