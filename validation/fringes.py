@@ -80,6 +80,7 @@ def _direct(sigma, weight, to_sigma, gamma, opd, strength, out):
 
 def direct(zone: FringeField, sigma: Array, weight: Array, rows: Array, columns: Array) -> tuple[Array, float]:
     """Irradiance at pixel centres (N,), and the seconds of the sum alone. No shadows: the pixels must be in none."""
+    # Not the package's trapezoid: what is judged must not make the judgement.
     step = np.gradient(sigma)
     step[[0, -1]] = 0.5 * (sigma[1] - sigma[0]), 0.5 * (sigma[-1] - sigma[-2])
     w = weight * step / (weight @ step)

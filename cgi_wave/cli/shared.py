@@ -16,11 +16,13 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def instrument_option(function: Command) -> Command:
+    """Adds ``--instrument``."""
     text = "Instrument file (TOML); the reference instrument if not given."
     return click.option("--instrument", metavar="FILE", help=text)(function)
 
 
 def tolerance_option(function: Command) -> Command:
+    """Adds ``--tolerance``."""
     text = "Leave out pairs of beams that can change the modulation by less than this part of it."
     return click.option(
         "--tolerance", type=float, default=DEFAULT_TOLERANCE, show_default=True, metavar="T", help=text
@@ -28,10 +30,12 @@ def tolerance_option(function: Command) -> Command:
 
 
 def json_option(function: Command) -> Command:
+    """Adds ``--json``."""
     return click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")(function)
 
 
 def number(name: str, text: str) -> float:
+    """The number that a word of the command line stands for; InputError names the option."""
     try:
         return float(text)
     except ValueError:
@@ -39,6 +43,7 @@ def number(name: str, text: str) -> float:
 
 
 def check_tolerance(tolerance: float) -> None:
+    """Refuse a tolerance outside 0…1 (InputError)."""
     if not 0.0 < tolerance < 1.0:  # also refuses NaN
         remedy = f"give a number above 0 and below 1, such as {DEFAULT_TOLERANCE:g}"
         raise InputError("command line", "--tolerance", tolerance, "bounds nothing", remedy)
@@ -68,4 +73,5 @@ def computing() -> Iterator[None]:
 
 
 def progress(message: str) -> None:
+    """One line to standard error."""
     click.echo(message, err=True)

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.fringes import chebyshev
 from cgi_wave.fringes.field import FieldPair, FringeField, SceneView, at_sigma
+from cgi_wave.fringes.spectral import check_step, trapezoid, within
 from cgi_wave.kernels.fringes import add_fringes
 
 Array = NDArray[np.float64]
@@ -109,7 +110,8 @@ def fringe_patterns(
     is not smooth.
     """
     sigma, measures = _measures(sigma, np.atleast_2d(weights))
-    sigma, measures, lost = _restricted(zone.pairs, sigma, measures)
+    inside, lost = within([pair.sigma for pair in zone.pairs], sigma, measures, METHOD)
+    sigma, measures = sigma[inside], measures[:, inside]
     node, reduced = _spectrum(zone, sigma, measures)
     allowed = tolerance * float(zone.transmission[:2].sum(axis=0).mean()) / len(zone.pairs)
     found = [_resolved(zone, pair, node, reduced, allowed, pixel) for pair in zone.pairs]
@@ -136,28 +138,8 @@ def _measures(sigma: Array, weights: Array) -> tuple[Array, Array]:
     if not (np.all(np.diff(sigma) > 0.0) and np.all(weights[0] >= 0.0) and weights[0].sum() > 0.0):
         raise InputError(METHOD, "weights", float(weights[0].min()), "of the first shape must be ≥ 0 and not all zero, "
                          "and wavenumbers ascend", "check that the filter lies inside the spectrum")  # fmt: skip
-    step = np.ones(1) if len(sigma) == 1 else np.gradient(sigma)
-    if len(sigma) > 1:
-        step[[0, -1]] = 0.5 * (sigma[1] - sigma[0]), 0.5 * (sigma[-1] - sigma[-2])
+    step = trapezoid(sigma)
     return sigma, weights * step / float(weights[0] @ step)
-
-
-def _restricted(pairs: Sequence[FieldPair], sigma: Array, measures: Array) -> tuple[Array, Array, float]:
-    """The samples that every pair's Chebyshev range covers, and the largest weight lost with the others."""
-    low, high = -np.inf, np.inf
-    for pair in pairs:
-        n = len(pair.sigma)
-        if n > 1:  # nodes of the first kind stop short of the range they serve, by this factor
-            centre, half = 0.5 * (pair.sigma[0] + pair.sigma[-1]), 0.5 * (pair.sigma[-1] - pair.sigma[0])
-            half *= (1.0 + 1e-9) / np.cos(np.pi / (2 * n))
-            low, high = max(low, centre - half), min(high, centre + half)
-    inside = (sigma >= low) & (sigma <= high)
-    lost = float(np.abs(measures[:, ~inside]).sum(axis=1).max())
-    if lost > 1e-4:
-        raise MethodLimitError(METHOD, f"{lost:.2e} of the spectral weight lies outside the pairs' range "
-                               f"{low:.6g}…{high:.6g} 1/m, at most 1e-4 may", lost / 1e-4,
-                               "compute the contrasts over a wider spectral range")  # fmt: skip
-    return sigma[inside], measures[:, inside], lost
 
 
 def _group_opd(pair: FieldPair) -> float:
@@ -173,14 +155,7 @@ def _spectrum(zone: FringeField, sigma: Array, measures: Array) -> tuple[Array, 
     if len(sigma) == 1:
         return sigma, measures
     reach = max(_group_opd(pair) for pair in zone.pairs)
-    factor = 4.0 * reach * float(np.diff(sigma).max())
-    if factor > 1.0:
-        raise MethodLimitError(
-            METHOD,
-            f"spectral step at most 1/(4 OPD) = {0.25 / reach:.4g} 1/m for the largest group OPD kept, {reach:.4g} m",
-            factor,
-            f"sample the spectrum {np.ceil(factor):.0f} times finer, or leave the pairs of longest OPD out, bounded",
-        )
+    check_step(sigma, reach, METHOD)
     degree = max(len(pair.sigma) for pair in zone.pairs)
     count = chebyshev.degree_for(np.pi * float(np.ptp(sigma)) * reach, degree)
     return chebyshev.compress(sigma, measures, count, sigma[0], sigma[-1])

@@ -17,17 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from cgi_wave.errors import InputError, MethodLimitError
+from cgi_wave.errors import InputError
 from cgi_wave.fringes import chebyshev
 from cgi_wave.fringes.coherency import Coherency, Pair
+from cgi_wave.fringes.spectral import check_step, trapezoid, within
 from cgi_wave.fringes.terms import METHOD, Interferogram, Psi, Terms, belongs, standard_error
 
 __all__ = ["Interferogram", "Psi", "belongs", "interferogram_terms", "standard_error", "synthesise"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-#: Weight outside the spectral range of the pairs that is let go, its bound going into the error; more is refused.
-LOST_WEIGHT_LIMIT = 1e-4
 
 
 def synthesise(coherency: Coherency, sigma: Array, weight: Array, y_m: Array, row_height_m: float = 0.0) -> Psi:
@@ -50,9 +49,10 @@ def interferogram_terms(
     _check(coherency, sigma, weight, y_m, row_height_m)
     sigma, measures = _measures(sigma, weight)
     sigma0 = float(sigma @ measures[0])
-    sigma, measures, lost = _restrict(coherency.pairs, sigma, measures)
+    inside, lost = within([pair.sigma for pair in coherency.pairs], sigma, measures[:1], METHOD)
+    sigma, measures = sigma[inside], measures[:, inside]
     reach = _reach(coherency.pairs, y_m)
-    _check_step(sigma, reach)
+    check_step(sigma, reach, METHOD)
 
     count = 1
     if len(sigma) > 1:
@@ -101,48 +101,19 @@ def _measures(sigma: Array, weight: Array) -> tuple[Array, Array]:
 
     Samples at both ends that hold less than 1e-13 of the weight between them are cut: they only widen the band.
     """
-    fine = _trapezoid(sigma) * weight
+    fine = trapezoid(sigma) * weight
     fine = fine / fine.sum()
     inside = np.flatnonzero((np.cumsum(fine) > 5e-14) & (np.cumsum(fine[::-1])[::-1] > 5e-14))
     cut = slice(inside[0], inside[-1] + 1)
     sigma, weight = sigma[cut], weight[cut]
-    fine = _trapezoid(sigma) * weight
+    fine = trapezoid(sigma) * weight
     fine = fine / fine.sum()
     half = np.zeros_like(fine)
     second = np.unique(np.append(np.arange(0, len(sigma), 2), len(sigma) - 1))
-    half[second] = _trapezoid(sigma[second]) * weight[second]
+    half[second] = trapezoid(sigma[second]) * weight[second]
     if half.sum() > 0.0:
         half /= half.sum()
     return sigma, np.array([fine, fine - half])
-
-
-def _trapezoid(sigma: Array) -> Array:
-    if len(sigma) == 1:
-        return np.ones(1)
-    step = np.diff(sigma)
-    return 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
-
-
-def _restrict(pairs: tuple[Pair, ...], sigma: Array, measures: Array) -> tuple[Array, Array, float]:
-    """The samples that every pair's Chebyshev range covers, and the weight lost with the others."""
-    low, high = -np.inf, np.inf
-    for pair in pairs:
-        n = len(pair.sigma)
-        if n > 1:  # nodes of the first kind stop short of the range they serve, by this factor
-            centre, half = 0.5 * (pair.sigma[0] + pair.sigma[-1]), 0.5 * (pair.sigma[-1] - pair.sigma[0])
-            half *= (1.0 + 1e-9) / np.cos(np.pi / (2 * n))
-            low, high = max(low, centre - half), min(high, centre + half)
-    inside = (sigma >= low) & (sigma <= high)
-    lost = float(measures[0][~inside].sum())
-    if lost > LOST_WEIGHT_LIMIT:
-        raise MethodLimitError(
-            METHOD,
-            f"{lost:.2e} of the spectral weight lies outside the pairs' range {low:.6g}…{high:.6g} 1/m, "
-            f"at most {LOST_WEIGHT_LIMIT:g} may",
-            lost / LOST_WEIGHT_LIMIT,
-            "compute the contrasts over a wider spectral range",
-        )
-    return sigma[inside], measures[:, inside], lost
 
 
 def _reach(pairs: tuple[Pair, ...], y_m: Array) -> float:
@@ -153,19 +124,6 @@ def _reach(pairs: tuple[Pair, ...], y_m: Array) -> float:
               else abs(p.opd_m[0])) + abs(p.slope) * span
         for p in pairs
     )  # fmt: skip
-
-
-def _check_step(sigma: Array, reach: float) -> None:
-    if len(sigma) < 2:
-        return
-    factor = 4.0 * reach * float(np.diff(sigma).max())
-    if factor > 1.0:
-        raise MethodLimitError(
-            METHOD,
-            f"spectral step at most 1/(4 OPD) = {0.25 / reach:.4g} 1/m for the largest group OPD kept, {reach:.4g} m",
-            factor,
-            f"sample the spectrum {np.ceil(factor):.0f} times finer, or leave the pairs of longest OPD out, bounded",
-        )
 
 
 def _terms(pairs: tuple[Pair, ...], node: Array, row_height_m: float) -> Complex:
