@@ -16,6 +16,8 @@ import math
 import numpy as np
 from numba import njit
 
+from cgi_wave.kernels.polynomials import horner
+
 GAUSS = 16
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
 GX = 0.5 * (_X16 + 1.0)  # nodes and weights on (0, 1)
@@ -27,14 +29,6 @@ for _k in range(GAUSS):
 _TIE = 1e-12  # two boundaries closer than this (frame units) are the same boundary; what lies between them is counted
 _CLOSE = 0.05  # share of its own curvature below which a gap between boundaries is followed to its least width
 MAX_INTERVALS = 8
-
-
-@njit(cache=True, nogil=True)
-def horner(c, x):
-    value = 0.0
-    for k in range(c.shape[0] - 1, -1, -1):
-        value = value * x + c[k]
-    return value
 
 
 @njit(cache=True, nogil=True)

@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from cgi_wave.kernels.descent import (
-    FAST,
     GAUSS,
     I2PI,
     W16,
@@ -17,12 +16,12 @@ from cgi_wave.kernels.descent import (
     add_span,
     descent,
     from_far,
-    half_turn,
     stationary_point,
     stationary_term,
     steepest_slope,
 )
 from cgi_wave.kernels.polynomials import along_ray, horner, restrict, slope_at
+from cgi_wave.kernels.turns import FAST, half_turn
 
 CYCLES = 3.0  # phase per Gauss panel
 SPAN_CYCLES = 2.0  # the same across the area, where the phase is less even

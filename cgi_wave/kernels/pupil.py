@@ -11,14 +11,13 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.outline import GAUSS, GW, GX, MAX_INTERVALS, cast, horner, restrict, warp
+from cgi_wave.kernels.outline import GAUSS, GW, GX, MAX_INTERVALS, cast, restrict, warp
+from cgi_wave.kernels.polynomials import horner
+from cgi_wave.kernels.turns import FAST, half_turn
 
 _CHUNK = 64  # nodes handed to the vectorised inner function at a time
 _RADIAL_SCAN = 33  # points per ray on which the phase variation is measured
 _FRACTIONS = 9  # radial fractions at which the phase variation in angle is measured
-
-# Reassociation lets the sums over nodes vectorise; NaN and infinity keep their meaning.
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
 @njit(cache=True, nogil=True)
@@ -153,12 +152,11 @@ def _radial_nodes(poly, tilt, lo, hi, weight, panels, rho, w):
         x0 = x1
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _slice(rho, w, cp, ca, cb, phi, a, b):
     """Sums over one slice of nodes: Re and Im of a b exp(i 2 pi phi), a b, a a, b b (each weighted).
 
-    exp(i 2 pi phi) by the half angle: sine and cosine of pi r, |r| <= 1/2, from their Taylor series to rounding,
-    so that the loop has no branch and no library call and vectorises.
+    exp(i 2 pi phi) by the half angle, so that the loop has no branch and no library call and vectorises.
     """
     size = rho.shape[0]
     top = cp.shape[0] - 1
@@ -173,31 +171,7 @@ def _slice(rho, w, cp, ca, cb, phi, a, b):
             b[i] = b[i] * x + s
     re, im, cross, aa, bb = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(size):
-        r = (phi[i] - math.floor(phi[i] + 0.5)) * math.pi
-        z = r * r
-        sine = -1.0 / 51090942171709440000.0
-        sine = sine * z + 1.0 / 121645100408832000.0
-        sine = sine * z - 1.0 / 355687428096000.0
-        sine = sine * z + 1.0 / 1307674368000.0
-        sine = sine * z - 1.0 / 6227020800.0
-        sine = sine * z + 1.0 / 39916800.0
-        sine = sine * z - 1.0 / 362880.0
-        sine = sine * z + 1.0 / 5040.0
-        sine = sine * z - 1.0 / 120.0
-        sine = sine * z + 1.0 / 6.0
-        sine = r - r * z * sine
-        cosine = -1.0 / 1124000727777607680000.0
-        cosine = cosine * z + 1.0 / 2432902008176640000.0
-        cosine = cosine * z - 1.0 / 6402373705728000.0
-        cosine = cosine * z + 1.0 / 20922789888000.0
-        cosine = cosine * z - 1.0 / 87178291200.0
-        cosine = cosine * z + 1.0 / 479001600.0
-        cosine = cosine * z - 1.0 / 3628800.0
-        cosine = cosine * z + 1.0 / 40320.0
-        cosine = cosine * z - 1.0 / 720.0
-        cosine = cosine * z + 1.0 / 24.0
-        cosine = cosine * z - 0.5
-        cosine = cosine * z + 1.0
+        sine, cosine = half_turn((phi[i] - math.floor(phi[i] + 0.5)) * math.pi)
         ab = a[i] * b[i] * w[i]
         re += ab * (1.0 - 2.0 * sine * sine)
         im += ab * 2.0 * sine * cosine
