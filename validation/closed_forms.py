@@ -49,7 +49,7 @@ def retro_ghosts(instrument: Any, name: str) -> Iterator[Row]:
     system = instrument.band(name)
     setting, paths = band_setting(system), find_paths(system, max_order=1)
     wrong = cases.with_splitter_phase(instrument, 0.0, name)
-    family = cases.family(paths, "detector")
+    family = cases.family(paths, cases.own(system, "detector"))
     ghost = next(path for path in family if path.label.endswith("arms 1-2"))
     rt2 = cases.retro_power(instrument)
     for number, x0 in enumerate(system.field_points()):
@@ -72,18 +72,19 @@ def filter_faces(instrument: Any, name: str) -> Iterator[Row]:
     """The filter face's retro-ghost at several distances from the detector, at the zone's centre."""
     system = instrument.band(name)
     setting, paths = band_setting(system), find_paths(system, max_order=1)
-    ghost = next(path for path in paths if path.label == "detector:r arms 1-2")
+    front, detector = cases.own(system, "filter_front"), cases.own(system, "detector")
+    ghost = next(path for path in paths if path.label == f"{detector}:r arms 1-2")
     off = cases.displacement(system, ghost, paths[0], system.field_points()[0])
     half = cases.face_power(instrument) / 2
     for gap in GAPS:
         moved = cases.filter_at(instrument, name, gap)
-        got = cases.account(moved, setting, cases.family(paths, "filter_front"))
+        got = cases.account(moved, setting, cases.family(paths, front))
         want = cases.filter_face(instrument, moved, paths[0], got.fringe_period)
         nominal = np.sqrt(2 * (1 - abs(got.gamma("nominal arms 1", "nominal arms 2"))))
         slack = 0.37 * 2 * (2 * np.pi * off.std() / got.fringe_period + nominal)
         case, coherent = f"{name} filter, d = {want.distance * 1e3:.3f} mm", got.retrieval.coherent
-        j = -got.gamma("filter_front:r arms 1-2", "filter_front:r arms 2-1").real
-        face = next(path for path in paths if path.label == "filter_front:r arms 1-2")
+        j = -got.gamma(f"{front}:r arms 1-2", f"{front}:r arms 2-1").real
+        face = next(path for path in paths if path.label == f"{front}:r arms 1-2")
         blur = cases.displacement(moved, face, paths[0], moved.field_points()[0])
         rays = abs(np.exp(2j * np.pi * blur / got.fringe_period).mean())
         yield row(case, "J", j, want.j, slack)

@@ -14,6 +14,7 @@ from small_instruments import build, detector, frame, surface
 
 from cgi_wave.analysis import Setting, zone_rows
 from cgi_wave.budget.fieldpoint import FIT_TARGET, FieldPoint, field_point, pupil_samples
+from cgi_wave.budget.setting import MAX_OPD
 from cgi_wave.fringes.chebyshev import interpolation_matrix
 from cgi_wave.fringes.nma import Retrieval, retrieve
 from cgi_wave.fringes.psi import Psi, synthesise
@@ -63,6 +64,10 @@ def account(system: OpticalSystem, setting: Setting, paths, x0=None, real_light=
     """Run the chain for some paths; in monochromatic light of σ0 (every closed form's), or the band's own."""
     x0 = system.field_points()[0] if x0 is None else x0
     point = field_point(replace(setting, system=system), paths, x0, TOLERANCE)
+    # Retro-ghosts are a metre longer than the nominal beams: the band's own light does not interfere over that, however
+    # loose the bound of its coherence there, and light of one wavenumber must not either.
+    near = tuple(pair for pair in point.coherency.pairs if np.abs(pair.opd_m).max() < MAX_OPD)
+    point = replace(point, coherency=replace(point.coherency, pairs=near))
     light = (setting.spectrum.sigma, setting.weight) if real_light else (np.array([system.sigma0]), np.ones(1))
     psi = synthesise(point.coherency, *light, zone_rows(system, x0), system.pixel)
     return Account(point, psi, retrieve(psi))
@@ -142,10 +147,20 @@ class FilterFace:
     parasitic: float
 
 
+def own(system: OpticalSystem, name: str) -> str:
+    """A surface or frame of the band's channel: the parts of the reference's SWIR channel have the same names, after
+    ``swir_``."""
+    return system.document.detector.surface.removesuffix("detector") + name
+
+
 def filter_at(instrument: Instrument, band: str, gap_mm: float) -> OpticalSystem:
     """The band with the filter moved to ``gap_mm`` before the detector; its glass, and so the focus, stay."""
-    thickness = instrument.band(band).document.band[band].set["filter_front.thickness_mm"]
-    moved = {"filter_back.thickness_mm": gap_mm, "focal.start_mm": -(thickness + gap_mm)}
+    system = instrument.band(band)
+    thickness = system.document.band[band].set[own(system, "filter_front.thickness_mm")]
+    moved = {
+        own(system, "filter_back.thickness_mm"): gap_mm,
+        own(system, "focal.start_mm"): -(thickness + gap_mm),
+    }
     return instrument.with_values(moved, band).band(band)
 
 
@@ -156,13 +171,14 @@ def filter_face(instrument: Instrument, system: OpticalSystem, nominal: Path, pe
     are averaged over that disc. Seen from there, an exit pupil at the distance 1/K fills (1 + 2dK) times the angle.
     """
     surfaces = {s.name: s for s in system.surfaces}
+    front, back, detector = (own(system, name) for name in ("filter_front", "filter_back", "detector"))
     x0 = system.field_points()[0]
 
     def apart(a, b):
         return float(np.linalg.norm(surfaces[a].origin - surfaces[b].origin))
 
-    index = system.index(system.sigma0)[surfaces["filter_front"].after]
-    distance = apart("filter_front", "filter_back") / index + apart("filter_back", "detector")
+    index = system.index(system.sigma0)[surfaces[front].after]
+    distance = apart(front, back) / index + apart(back, detector)
     theta, sequence = nominal_direction(system, nominal, x0), compile_sequence(system, nominal, system.sigma0)
     rim = system.pupil_radius * (1 - 1e-9) * np.array([[0.0, 1.0], [0.0, -1.0]])
     sine = np.ptp(trace(sequence, rim, theta).direction[:, 1]) / 2
