@@ -217,7 +217,7 @@ def collected(done: Sequence[tuple[int, Array, Array, int]], fit: Window, frames
 @dataclass(frozen=True)
 class NmaErrors:
     """error : (G, X) 1 − NMA with ghosts/NMA without, positive when it falls; mean, spread (standard deviation), and
-    low, high : percentiles 2.5 and 97.5; largest : percentile 95 of |error|; unlit : points without a nominal NMA, left
+    low, high : percentiles 2.5 and 97.5; size_95 : percentile 95 of |error|; unlit : points without a nominal NMA, left
     out (0 in the map)."""
 
     error: Array
@@ -225,7 +225,7 @@ class NmaErrors:
     spread: float
     low: float
     high: float
-    largest: float
+    size_95: float
     unlit: int
 
 

@@ -63,7 +63,7 @@ def scroll_figures(found: Scrolled) -> dict[str, Any]:
         "nma_recorded_mean": float(found.recorded.nma.mean()),
         "nma_error": {
             "mean": errors.mean, "spread": errors.spread, "low": errors.low, "high": errors.high,
-            "largest": errors.largest, "unlit": errors.unlit,
+            "size_95": errors.size_95, "unlit": errors.unlit,
         },
         "nma_noise": float(found.recorded.nma_error.mean()),
         "relation": None if relation is None else {

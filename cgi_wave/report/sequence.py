@@ -68,7 +68,7 @@ def write_maps(
             variable = file.variables["nma_bias"]
             variable.attrs.update({"mean": errors.mean, "spread": errors.spread, "percentile_2_5": errors.low,
                                    "percentile_97_5": errors.high,
-                                   "percentile_95_of_size": errors.largest})  # fmt: skip
+                                   "percentile_95_of_size": errors.size_95})  # fmt: skip
 
 
 def _axes(file: Any, axes: Mapping[str, NDArray[np.float64] | None], sizes: Mapping[str, int]) -> None:
