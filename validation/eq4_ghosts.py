@@ -119,8 +119,7 @@ class Band:
 def band(name: str) -> Band:
     """The ghosts that ``cgi-wave run`` traces, and the nominal beam."""
     system = load_instrument().band(name)
-    here = band_setting(system)
-    paths = select_ghosts(system, find_paths(system), here.envelope, here.nma)
+    paths = select_ghosts(band_setting(system), find_paths(system))
     x0 = system.field_points()[0]
     theta = nominal_direction(system, paths[0], x0)
     near = spot(system, paths[0], theta, system.sigma0)

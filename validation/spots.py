@@ -46,11 +46,11 @@ def study(instrument: str | None = None, bands: tuple[str, ...] = (), count: int
         system = loaded.band(band)
         p = pupil_points(0.999 * system.pupil_radius, count)
         for number, path in enumerate(find_paths(system, 0, 0), 1):
-            sequence, peer = compile_sequence(system, path, system.sigma0), batoid_tracer(system, str(path))
+            sequence, (launch, run) = compile_sequence(system, path, system.sigma0), batoid_tracer(system, str(path))
             for x0 in system.field_points():
                 theta = nominal_direction(system, path, x0)
                 own = trace(sequence, p, theta)
-                x = as_traced(peer(p, theta))[0]
+                x = as_traced(run(launch(p, theta)))[0]
                 ok = own.passes
                 rows.append({
                     "band": band, "wavelength_m": 1 / system.sigma0, "x0_m": x0.tolist(), "path": number,
