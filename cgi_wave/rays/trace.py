@@ -257,12 +257,20 @@ def share_out(part: Callable[[int, int], None], count: int, threads: int) -> Non
     if threads < 1:
         raise InputError("trace", "threads", threads, "is no number of threads", "give 1 or more")
     # Ranges begin at whole slices, so that every ray has the same place in its slice whoever traces it.
-    length = SLICE * max(1, -(-count // (SLICE * 8 * threads)))
+    length = SLICE * max(1, -(-count // (SLICE * 4 * threads)))
+    left = iter([(begin, min(begin + length, count)) for begin in range(0, count, length)])
+
+    def work() -> None:
+        for begin, end in left:
+            part(begin, end)
+
     if threads == 1 or count <= length:
-        part(0, count)
+        work()
         return
-    with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(part, begin, min(begin + length, count)) for begin in range(0, count, length)]:
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = [pool.submit(work) for _ in range(threads - 1)]
+        work()  # the caller is one of them: it would wait, and starting a thread takes as long as 5000 ray surfaces
+        for done in others:
             done.result()
 
 
