@@ -63,12 +63,14 @@ class FieldPoint:
     unresolved: tuple[Unresolved, ...]
 
 
-def pupil_samples(rays: Rays, path: Path, space: Space, sigma: Array, x0: Array) -> PupilSamples:
-    """Rays of one path as the payload of the wave floor."""
+def pupil_samples(
+    rays: Rays, path: Path, space: Space, sigma: Array, x0: Array, bend: float = 0.0
+) -> PupilSamples:
+    """Rays of one path as the payload of the wave floor; bend, 1/m: of the chart that they were traced for."""
     clearance = limiting(rays.clearance, rays.pupil[0])
     point = (float(x0[0]), float(x0[1]))
     return PupilSamples(path.label, space, rays.u, sigma, rays.opl, rays.amplitude, clearance, rays.direction,
-                        rays.phase, point)  # fmt: skip
+                        rays.phase, point, bend)  # fmt: skip
 
 
 def families(paths: Sequence[Path]) -> NDArray[np.int64]:

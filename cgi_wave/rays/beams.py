@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cgi_wave.errors import EmptyBeamError
 from cgi_wave.kernels.trace import clearance_rows
 from cgi_wave.optics.system import OpticalSystem
+from cgi_wave.rays.charts import determinants, in_chart, ray_phase
 from cgi_wave.rays.disc import EVEN, NODES, disc, fitted, monomials, on_disc, rim
 from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc, rays_over_feed
 from cgi_wave.rays.paths import Path
@@ -172,7 +173,7 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         traced = beam.traced if keep.all() else beam.traced.some(keep)
         # What is left of the aiming error moves the end of the ray by δx: to first order Λ changes by q·δx.
         opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(beam.by_theta[keep])), 1e-300))
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(determinants(beam.by_theta[keep])), 1e-300))
         clearance = clearance_rows(sequence.aperture, traced.foot)
         parts.append((p, opl, amplitude, clearance, traced.direction, p, traced.x, beam.theta[keep]))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
@@ -182,11 +183,12 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
 
 
 def rays_from_direction(
-    system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array, count: int = NODES
+    system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array, count: int = NODES, bend: float = 0.0
 ) -> Rays:
     """Rays of ``path`` from one source direction; phases about the detector point ``x0``; ``count`` of them.
 
-    Â(q) has amplitude |∂p/∂q|^½. Raises EmptyBeamError if no ray arrives.
+    Â(u) has amplitude |∂p/∂u|^½, u = q − bend (x − x0): see ``rays.charts`` on ``bend``, 1/m. Raises EmptyBeamError if
+    no ray arrives.
     """
     middle = len(sigmas) // 2
     sequence = compile_sequence(system, path, float(sigmas[middle]))
@@ -205,32 +207,21 @@ def rays_from_direction(
     keep = traced.valid
     even = (np.arange(count) < count - rim(count))[keep]
     nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
-    curvature = found.dq[keep][nearest] @ np.linalg.inv(found.dx[keep][nearest])
+    phase = ray_phase(sequence, p[keep][nearest], theta, found.dx[keep][nearest], found.dq[keep][nearest], bend)
     p = p[keep]
     parts = []
     for s, sigma in enumerate(sigmas):
         at = compile_sequence(system, path, float(sigma))
         here = found if s == middle else trace_with_derivatives(at, p, theta, "p")
-        traced, by_p = here.traced, here.dq
+        traced, by_p = here.traced, here.dq - bend * here.dx
         if len(traced.opl) > len(p):
             traced, by_p = traced.some(keep), by_p[keep]
-        # The incoming plane wave reaches pupil point p with the phase of p·θ.
-        opl = traced.opl + p @ theta - (traced.direction * (traced.x - x0)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(_det(by_p)), 1e-300))
+        u, opl = in_chart(traced, p, theta, x0, bend)
+        amplitude = np.sqrt(traced.power / np.maximum(np.abs(determinants(by_p)), 1e-300))
         clearance = clearance_rows(sequence.aperture, traced.foot)
         same = np.broadcast_to(theta, p.shape)
-        parts.append((traced.direction, opl, amplitude, clearance, traced.direction, p, traced.x, same))
-    crossed = caustics(sequence, p[nearest], theta, "p")
-    # From position to direction by stationary phase: exp(iπ/4 · signature of ∂q/∂x).
-    signature = np.sign(np.linalg.eigvals(curvature).real).sum()
-    phase = sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
+        parts.append((u, opl, amplitude, clearance, traced.direction, p, traced.x, same))
     return _stack(parts, radius, phase, even, half, count)
-
-
-def _det(matrices: Array) -> Array:
-    """Determinants (N,) of (N, 2, 2)."""
-    value: Array = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
-    return value
 
 
 def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES) -> Rays:

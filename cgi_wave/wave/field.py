@@ -34,6 +34,7 @@ class PupilField:
     opl : (S, n, n) m; amplitude : (S, n, n); direction : (2, n, n) detector direction cosines at the middle sigma
     power_gram : (S, S) integrals of A_s A_r d²u, so that power(sigma) = L G Lᵀ with the Lagrange weights L
     power_error : relative error bound of the power
+    bend : of the chart, 1/m; see ``PupilSamples``
     opl_residual : m; amplitude_residual : unit of the amplitude. Largest leave-one-out misfit on the support
     """
 
@@ -51,6 +52,7 @@ class PupilField:
     opl_residual: float
     amplitude_residual: float
     degree: int
+    bend: float = 0.0
 
     def weights(self, sigma: Array) -> Array:
         """(T, S) Lagrange weights at ``sigma`` (T,), 1/m.
@@ -311,6 +313,7 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
         trial.opl,
         trial.amplitude,
         trial.n - 1,
+        samples.bend,
     )
 
 

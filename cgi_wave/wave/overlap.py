@@ -81,13 +81,15 @@ def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair: 
 
 
 def _check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741
-    if m.space != l.space or not np.allclose(m.reference_point, l.reference_point, rtol=0, atol=1e-12):
+    if (m.space, m.bend) != (l.space, l.bend) or not np.allclose(
+        m.reference_point, l.reference_point, rtol=0, atol=1e-12
+    ):
         raise InputError(
             f"pair {m.label} | {l.label}",
             "reference_point",
-            (m.space, m.reference_point, l.space, l.reference_point),
-            "the two fields stand in different spaces or about different points",
-            "sample both about one detector point",
+            (m.space, m.bend, m.reference_point, l.space, l.bend, l.reference_point),
+            "the two fields stand in different spaces or charts, or about different points",
+            "sample both about one detector point and in one chart",
         )
 
 
@@ -189,6 +191,35 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6, metho
     pivot = (float(region.pivot[0]), float(region.pivot[1]))
     seconds = time.perf_counter() - started
     return Overlap(value, pair.opd_m, float(slope), bool(weighted), error, share, pivot, total.nodes, name, seconds)
+
+
+def integral_over(field: PupilField, tol: float) -> tuple[complex, float, float, str]:
+    """∫ A exp(i 2πσ·opl + i·phase) d²u over a field's own support at its middle σ: value, error, ∫A d²u, method.
+
+    ``tol``: absolute numerical error allowed. The error holds that, the misfit of the field and the strip that its
+    clearances leave open. 0, 0, 0 for an empty support. Raises MethodLimitError as ``overlap`` does.
+    """
+    region = find_region([field.support])
+    if region is None:
+        return 0.0, 0.0, 0.0, "no shared support"
+    middle, n = field.sigma.size // 2, region.clearance.shape[-1]
+    sigma = float(field.sigma[middle])
+
+    def in_frame(coef: Array) -> Array:
+        return expand(coef, field.support.centre, field.support.scale, region.pivot, region.frame, n)[None]
+
+    path = in_frame(field.opl[middle])
+    pivot_phase = 2.0 * np.pi * sigma * path[0, 0, 0] + field.phase
+    path[:, 0, 0] = 0.0
+    one, none = np.zeros((1, n, n)), np.zeros((n, n))
+    one[0, 0, 0] = 1.0
+    pair = _Pair(region, path * sigma, np.zeros(1), in_frame(field.amplitude[middle]), one, none, np.ones(1))
+    total, name = _auto(pair, tol)
+    cross = float(total.cross[0])
+    misfit = min(2.0 * np.pi * sigma * field.opl_residual, 2.0) * cross + field.amplitude_residual * total.area
+    rounding = 4e-16 * (2.0 * np.pi * float(np.abs(pair.phase).sum()) + 10.0) * cross
+    error = float(total.error[0]) + total.edge + misfit + rounding
+    return complex(total.value[0] * np.exp(1j * pivot_phase)), error, cross, name
 
 
 def _misfit(m: PupilField, l: PupilField, sigma: Array, cross: Array, size: Array, area: float) -> Array:  # noqa: E741
