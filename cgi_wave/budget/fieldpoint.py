@@ -63,9 +63,7 @@ class FieldPoint:
     unresolved: tuple[Unresolved, ...]
 
 
-def pupil_samples(
-    rays: Rays, path: Path, space: Space, sigma: Array, x0: Array, bend: float = 0.0
-) -> PupilSamples:
+def pupil_samples(rays: Rays, path: Path, space: Space, sigma: Array, x0: Array, bend: float = 0.0) -> PupilSamples:
     """Rays of one path as the payload of the wave floor; bend, 1/m: of the chart that they were traced for."""
     clearance = limiting(rays.clearance, rays.pupil[0])
     point = (float(x0[0]), float(x0[1]))

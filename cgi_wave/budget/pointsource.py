@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +13,25 @@ from cgi_wave.budget.fieldpoint import FIT_TARGET, pupil_samples
 from cgi_wave.errors import CgiWaveError, EmptyBeamError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.beams import Spot, rays_from_direction, spot
+from cgi_wave.rays.charts import rays_from_points
 from cgi_wave.rays.disc import NODES
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.eq4 import contrast_eq4
-from cgi_wave.wave.field import PupilField, fit_field
+from cgi_wave.wave.field import DEGREES, FINE_DEGREES, PupilField, fit_field
 from cgi_wave.wave.fold import check_map
 from cgi_wave.wave.overlap import overlap
+from cgi_wave.wave.overpupil import contrast_over_pupil
 
 Array = NDArray[np.float64]
 
 #: Rays for the few beams whose path no polynomial through the usual number describes, and the misfit, in rad, that
 #: says so.
 MORE_RAYS, BLURRED = 1600, 1e-2
-#: Numerical error asked of a contrast in the ghost table.
-CONTRAST_TOLERANCE = 1e-5
+#: Error asked of a contrast in the ghost table: where that of the direction-space field is larger, the ghost's pupil is
+#: tried. A third of it each is asked of the fits and of the quadrature.
+CONTRAST_TOLERANCE, SHARE = 1e-6, 0.3
+#: Rays of a ghost's field that is good to that; rays and misfit of the nominal field, which stands in every pair.
+FINE_RAYS, NOMINAL_RAYS, NOMINAL_TARGET = 400, 1600, 1e-8
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,7 @@ class PointGhost:
     """One ghost as a point source makes it.
 
     spot: None if no ray of the source's direction arrives; eq4: Eq. 4; contrast, error: |γ| with the nominal beam of
-    arm 1 and its bound, or None with the reason in ``method``; phase: arg γ with the path difference left out, rad.
+    arm 1 and its bound, or None with the reason in ``method``; phase: arg γ with the path difference in it, rad.
     """
 
     path: Path
@@ -56,31 +62,109 @@ class PointSource:
     ghosts: tuple[PointGhost, ...]
 
 
+@dataclass(frozen=True)
+class Contrast:
+    """γ of a ghost with a nominal beam, the path difference in it; its bound; and how it was found."""
+
+    value: complex
+    error: float
+    method: str
+
+
 def direction_field(system: OpticalSystem, path: Path, theta: Array, x0: Array) -> PupilField:
     """Â(q) of ``path`` for source direction ``theta``, about the detector point ``x0``, at the filter's centre.
 
     Raises EmptyBeamError, FoldedFieldError (folded, or collimated at the detector), MethodLimitError.
     """
-    sigma = np.array([system.sigma0])
     try:
-        field = _field(system, path, theta, x0, sigma, NODES)
+        field = _field(system, path, theta, x0, NODES, FIT_TARGET)
     except MethodLimitError:
-        return _field(system, path, theta, x0, sigma, MORE_RAYS)
+        return _field(system, path, theta, x0, MORE_RAYS, FIT_TARGET)
     if 2.0 * np.pi * system.sigma0 * field.opl_residual <= BLURRED:
         return field
     try:
-        finer = _field(system, path, theta, x0, sigma, MORE_RAYS)
+        finer = _field(system, path, theta, x0, MORE_RAYS, FIT_TARGET)
     except CgiWaveError:  # a map at the edge of what has a field: more rays find its worst place, and no better field
         return field
     return finer if finer.opl_residual < field.opl_residual else field
 
 
-def _field(system: OpticalSystem, path: Path, theta: Array, x0: Array, sigma: Array, count: int) -> PupilField:
-    rays = rays_from_direction(system, path, theta, x0, sigma, count)
+def fine_field(
+    system: OpticalSystem, path: Path, theta: Array, x0: Array, tolerance: float = CONTRAST_TOLERANCE
+) -> PupilField:
+    """As ``direction_field``, by as many rays and as high a degree as a contrast good to ``tolerance`` asks for."""
+    return _field(system, path, theta, x0, FINE_RAYS, SHARE * tolerance, degrees=FINE_DEGREES)
+
+
+def chart_field(system: OpticalSystem, path: Path, theta: Array, x0: Array, bend: float = 0.0) -> PupilField:
+    """The nominal beam's field as finely as contrasts ask for, in the chart of ``bend``, 1/m (``rays.charts``)."""
+    return _field(system, path, theta, x0, NOMINAL_RAYS, NOMINAL_TARGET, bend, FINE_DEGREES)
+
+
+def _field(
+    system: OpticalSystem,
+    path: Path,
+    theta: Array,
+    x0: Array,
+    count: int,
+    target: float,
+    bend: float = 0.0,
+    degrees: Sequence[int] = DEGREES,
+) -> PupilField:
+    sigma = np.array([system.sigma0])
+    rays = rays_from_direction(system, path, theta, x0, sigma, count, bend)
     lit = (rays.clearance[:, 0] > 0).all(axis=0)
     if lit.sum() >= 60:
         check_map(rays.pupil[0][lit], rays.u[0][lit], system.sigma0, path.label)
-    return fit_field(pupil_samples(rays, path, "direction", sigma, x0), target=FIT_TARGET)
+    return fit_field(pupil_samples(rays, path, "direction", sigma, x0, bend), target=target, degrees=degrees)
+
+
+def contrast_of(
+    system: OpticalSystem,
+    path: Path,
+    theta: Array,
+    x0: Array,
+    nominal: Callable[[float], PupilField],
+    tolerance: float = CONTRAST_TOLERANCE,
+) -> Contrast:
+    """γ of ``path`` for source direction ``theta``, to ``tolerance`` where that can be had.
+
+    nominal: the nominal beam's field in the chart of a bend, 1/m. By the ghost's field over direction cosines; where
+    there is none, or one that leaves more than ``tolerance`` open, over the ghost's own pupil, and the better of the
+    two is kept. In a bent chart the error holds by how much others differ.
+
+    Raises EmptyBeamError, FoldedFieldError, MethodLimitError: what either way refused.
+    """
+    sigma0, share = system.sigma0, SHARE * tolerance
+    found, why = None, ""
+    try:
+        field = fine_field(system, path, theta, x0, tolerance)
+        pair = overlap(field, nominal(0.0), np.array([sigma0]), share)
+        turned = complex(pair.value[0] * np.exp(2j * np.pi * sigma0 * pair.opd_m[0]))
+        found = Contrast(turned, float(pair.error_bound[0]), pair.method)
+        if found.error <= tolerance:
+            return found
+        why = f"bound {found.error:.1e} over directions"
+    except CgiWaveError as limit:
+        why = str(limit)
+    trace = partial(rays_from_points, system, path, theta, x0, sigma0)
+    try:
+        over = contrast_over_pupil(trace, system.pupil_radius, nominal, sigma0, path.label, share)
+    except CgiWaveError:
+        if found is None:
+            raise
+        return found
+    error = over.error + over.charts
+    if found is not None and found.error <= error:
+        return found
+    parts = f"{over.parts} part{'s' if over.parts > 1 else ''}"
+    how = f"over the ghost's pupil in {parts} ({why})"
+    if over.bend:
+        how = (
+            f"over the ghost's pupil in {parts}, lens of {over.bend:.3g} 1/m on the detector ({over.note}; numerical "
+            f"bound {over.error:.1e}, charts differ by {over.charts:.1e})"
+        )
+    return Contrast(over.value, error, how)
 
 
 def point_source(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0: Array, orders: int = 2) -> PointSource:
@@ -88,17 +172,31 @@ def point_source(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0:
 
     Ghosts of more than ``orders`` parasitic reflections get their spot and Eq. 4 only.
     """
-    sigma0 = system.sigma0
-    nominal_spot = spot(system, paths[0], theta, sigma0)
-    nominal = direction_field(system, paths[0], theta, x0)
+    nominal_spot = spot(system, paths[0], theta, system.sigma0)
+    nominal = nominal_fields(system, paths[0], theta, x0)
     ghosts = [
         _ghost(system, path, theta, x0, nominal_spot, nominal if path.order <= orders else None) for path in paths[2:]
     ]
-    return PointSource(theta, x0, nominal_spot, nominal, tuple(ghosts))
+    return PointSource(theta, x0, nominal_spot, nominal(0.0), tuple(ghosts))
+
+
+def nominal_fields(system: OpticalSystem, path: Path, theta: Array, x0: Array) -> Callable[[float], PupilField]:
+    """The nominal beam's field by the bend of its chart, each made once."""
+
+    @lru_cache(maxsize=32)
+    def field(bend: float) -> PupilField:
+        return chart_field(system, path, theta, x0, bend)
+
+    return field
 
 
 def _ghost(
-    system: OpticalSystem, path: Path, theta: Array, x0: Array, near: Spot, nominal: PupilField | None
+    system: OpticalSystem,
+    path: Path,
+    theta: Array,
+    x0: Array,
+    near: Spot,
+    nominal: Callable[[float], PupilField] | None,
 ) -> PointGhost:
     try:
         here = spot(system, path, theta, system.sigma0)
@@ -108,9 +206,8 @@ def _ghost(
     if nominal is None:
         return PointGhost(path, here, eq4, None, None, None, "not asked for at this field point")
     try:
-        field = direction_field(system, path, theta, x0)
-        found = overlap(field, nominal, np.array([system.sigma0]), CONTRAST_TOLERANCE)
+        found = contrast_of(system, path, theta, x0, nominal)
     except CgiWaveError as error:
         return PointGhost(path, here, eq4, None, None, None, f"none: {error}")
-    value = complex(found.value[0])
-    return PointGhost(path, here, eq4, abs(value), float(found.error_bound[0]), float(np.angle(value)), found.method)
+    value = found.value
+    return PointGhost(path, here, eq4, abs(value), found.error, float(np.angle(value)), found.method)

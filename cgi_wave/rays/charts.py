@@ -7,7 +7,8 @@ the second; a focused beam has the second and not the first. In between lies a f
     u = q − b (x − x0),
 
 the directions behind a thin lens of power b that is held onto the detector. A lens turns the phase of both beams of a
-pair at each point by the same, so that their overlap ∫ h_m h_l* d²x is what it was; b = 0 are the directions themselves.
+pair at each point by the same, so that their overlap ∫ h_m h_l* d²x is what it was; b = 0 are the directions
+themselves.
 """
 
 from __future__ import annotations

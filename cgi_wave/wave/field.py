@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from cgi_wave.wave.samples import PupilSamples, Space
 from cgi_wave.wave.support import cutting, domain, fenced, unshadowed
 
 DEGREES = (4, 6, 8, 10, 12, 14, 16)
+FINE_DEGREES = (*DEGREES, 18, 20)  # where samples are many and a misfit of 1e-7 rad is asked for
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
@@ -222,10 +224,9 @@ def _near_zero(value: Array, lit: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return near
 
 
-def _degrees(samples: PupilSamples, inside: NDArray[np.bool_], degree: int | None) -> list[int]:
+def _degrees(samples: PupilSamples, inside: NDArray[np.bool_], tried: Sequence[int]) -> list[int]:
     """The degrees to be tried: those with samples enough. Raises MethodLimitError if there is none."""
     fewest = int(inside.sum(axis=1).min())
-    tried = DEGREES if degree is None else (degree,)
     allowed = [d for d in tried if (d + 1) * (d + 2) // 2 * OVERSAMPLING <= fewest]
     if not allowed:
         terms = (tried[0] + 1) * (tried[0] + 2) // 2
@@ -263,11 +264,13 @@ def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Arr
     return best, coef, residual
 
 
-def fit_field(samples: PupilSamples, degree: int | None = None, target: float = TARGET) -> PupilField:
+def fit_field(
+    samples: PupilSamples, degree: int | None = None, target: float = TARGET, degrees: Sequence[int] = DEGREES
+) -> PupilField:
     """Fit one beam's samples: path length (per sigma), amplitude, clearances, directions.
 
     The fit covers the ellipse that bounds the lit samples (all clearances > 0) with a margin; unlit samples inside it
-    and next to a lit one take part. ``degree`` None takes the first of DEGREES whose leave-one-out misfit (rad of
+    and next to a lit one take part. ``degree`` None takes the first of ``degrees`` whose leave-one-out misfit (rad of
     phase, relative amplitude and clearance together) is below ``target``, or the best.
     Clearances that cannot reach zero on the support are dropped.
 
@@ -286,9 +289,9 @@ def fit_field(samples: PupilSamples, degree: int | None = None, target: float = 
     centre, scale, spacing = domain(samples, lit)
     x = (samples.u - centre) / scale
     inside = _near(x, lit, spacing)
-    degrees = _degrees(samples, inside, degree)
-    fits = _Fits(samples, x, inside, lit, degrees[-1] + 1)
-    trial, simple, residual = _choose(fits, degrees, target)
+    tried = _degrees(samples, inside, degrees if degree is None else (degree,))
+    fits = _Fits(samples, x, inside, lit, tried[-1] + 1)
+    trial, simple, residual = _choose(fits, tried, target)
     middle = samples.sigma.size // 2
     least = samples.clearance[:, lit].min(axis=1)
     cut = cutting(least, trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)

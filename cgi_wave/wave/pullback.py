@@ -1,4 +1,4 @@
-"""A pair of beams over the entrance pupil of one of them: the other is looked up where its rays go, and no map inverted.
+"""A pair of beams over the entrance pupil of one of them: the other is looked up where its rays go; no map is inverted.
 
 With u the coordinate of a chart (direction cosines, or directions behind a lens: ``rays.charts``), the rays of beam m
 give u_m(p), and

@@ -1,0 +1,279 @@
+"""γ of two beams over the entrance pupil of one of them, in a chart where its rays are one to one with its field.
+
+For what a direction-space field cannot hold: a ghost whose directions crowd, fold or collapse. ``wave.pullback`` has
+the integral, ``rays.charts`` the charts. Where no polynomial follows the product of the two fields, the pupil is cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cgi_wave.errors import CgiWaveError, FoldedFieldError, MethodLimitError
+from cgi_wave.rays.clearances import limiting
+from cgi_wave.rays.disc import disc
+from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc
+from cgi_wave.wave.basis import Array
+from cgi_wave.wave.field import FINE_DEGREES, PupilField, fit_field, power
+from cgi_wave.wave.fold import COLLAPSE_LIMIT
+from cgi_wave.wave.overlap import integral_over
+from cgi_wave.wave.pullback import product_samples, shared
+from cgi_wave.wave.samples import PupilSamples
+
+#: Rays over the whole pupil, by which the chart is chosen, and over a part of it.
+SURVEY, PART = 1000, 500
+#: Bends that are tried, in units of the other beam's cone over the ghost's extent on the detector.
+BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: Parts into which a pupil is cut at most, and the shared rays without which one is not cut.
+PARTS, FEWEST = 64, 40
+#: Misfit allowed where charts are only compared, and by how much what the kept one is off may exceed a difference.
+COMPARED, SAFETY = 1e-5, 2.0
+_METHOD = "field over the pupil"
+
+
+class RaysOverPupil(Protocol):
+    """What is asked of rays: see ``rays.charts.PupilRays``."""
+
+    @property
+    def p(self) -> Array: ...
+    @property
+    def x(self) -> Array: ...
+    @property
+    def q(self) -> Array: ...
+    @property
+    def power(self) -> Array: ...
+    @property
+    def clearance(self) -> Array: ...
+
+    def chart(self, bend: float) -> tuple[Array, Array, Array]:
+        """u, path length about it, det ∂u/∂p."""
+        ...
+
+    def phase(self, ray: int, bend: float) -> float:
+        """Constant phase in a chart, by one ray."""
+        ...
+
+
+Trace = Callable[[Array], RaysOverPupil]
+Other = Callable[[float], PupilField]
+
+
+@dataclass(frozen=True)
+class PupilContrast:
+    """γ of a pair, the path difference in it.
+
+    error: bound as that of ``wave.overlap``; charts: twice the most by which other charts differ, 0 in that of
+    directions; bend of the chart, 1/m; parts of the pupil; note: why it is not the chart of directions.
+    """
+
+    value: complex
+    error: float
+    charts: float
+    bend: float
+    parts: int
+    note: str
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """A straight edge of a part of the pupil: lit where side · (p[axis] − at) > 0."""
+
+    axis: int
+    at: float
+    side: float
+
+    def clearance(self, p: Array) -> Array:
+        away: Array = self.side * (p[:, self.axis] - self.at)
+        return away
+
+
+def contrast_over_pupil(
+    trace: Trace, radius: float, other: Other, sigma: float, label: str, tol: float, bend: float | None = None
+) -> PupilContrast:
+    """γ of a ghost with another beam at one wavenumber, 1/m.
+
+    trace: rays of the ghost from points (N, 2) of a pupil of ``radius``, m, about the point that ``other``, the other
+    field in the chart of a bend (1/m), stands about. tol: misfit of the product (rad of phase, amplitude and clearance
+    together) above which the pupil is cut, and numerical error. bend: asked for; None: the least that serves. Bent
+    charts represent the same waves, but for what is diffracted at edges: up to two others that serve are compared.
+
+    Raises EmptyBeamError, FoldedFieldError (no chart serves), MethodLimitError.
+    """
+    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes)
+    own = _own_field(rays, label, tol)
+    if bend is not None:
+        return _in_chart(trace, rays, own, other(bend), sigma, label, tol)
+    charts, note = choose_charts(rays, other, sigma, label)
+    found = _in_chart(trace, rays, own, other(charts[0]), sigma, label, tol)
+    differ = 0.0
+    if charts[0] != 0.0:
+        differ = abs(found.value) if len(charts) == 1 else 0.0
+        for compared in charts[1:]:
+            there = _in_chart(trace, rays, own, other(compared), sigma, label, max(COMPARED, tol))
+            differ = max(differ, SAFETY * abs(there.value - found.value) + there.error)
+    return PupilContrast(found.value, found.error, differ, found.bend, found.parts, note)
+
+
+def choose_charts(rays: RaysOverPupil, other: Other, sigma: float, label: str) -> tuple[list[float], str]:
+    """Charts in which the shared rays are one to one with their field, the least bend (1/m) first, and why it is not 0.
+
+    That asks for det ∂u/∂p of one sign over them, and the Fresnel number σa²√|det| of ``wave.fold`` everywhere: 0
+    alone if it serves, else up to three. Raises FoldedFieldError if none does.
+    """
+    lit = _passes(rays)
+    p = rays.p[lit]
+    area = 2.0 * ((p - p.mean(axis=0)) ** 2).sum(axis=1).mean()
+    unit = float(other(0.0).support.scale.max()) / float(np.abs(rays.x[lit]).max())
+    unit = 2.0 ** round(np.log2(unit))  # so that many ghosts ask for the same charts
+    note, serve = "no ray is shared", []
+    for size in (0.0, *BENDS):
+        found = []
+        for bend in (-size * unit, size * unit) if size else (0.0,):
+            try:
+                u, _, det = rays.chart(bend)
+                here = shared(other(bend), u, rays.clearance)
+            except CgiWaveError:  # the other beam has no field in this chart
+                continue
+            if not here.any():
+                # As far as rays tell; the integral over the pupil says so exactly.
+                if size == 0.0:
+                    return [0.0], ""
+                continue
+            least = sigma * area * np.sqrt(np.abs(det[here]).min())
+            folded = bool(det[here].min() * det[here].max() <= 0.0)
+            if size == 0.0:
+                note = "directions fold" if folded else f"Fresnel number {least:.3g} in directions"
+            if not folded and least >= COLLAPSE_LIMIT:
+                found.append((float(least), bend))
+        if size == 0.0 and found:
+            return [0.0], ""
+        serve += [bend for _, bend in sorted(found, reverse=True)]
+        if len(serve) >= 3:
+            break
+    if not serve:
+        raise FoldedFieldError(f"{label}: in no chart between directions and detector are its rays one to one ({note})")
+    return serve[:3], note
+
+
+def _in_chart(
+    trace: Trace, rays: RaysOverPupil, own: PupilField, near: PupilField, sigma: float, label: str, tol: float
+) -> PupilContrast:
+    mine, there = power(own), power(near)
+    norm = float(np.sqrt(mine[0][0] * there[0][near.sigma.size // 2]))
+    total, error, cross, parts = 0.0j, 0.0, 0.0, 0
+    for field in _parts(trace, rays, near, sigma, label, tol):
+        value, off, size, _ = integral_over(field, tol * norm)
+        total, error, cross, parts = total + value, error + off, cross + size, parts + 1
+    # What the other field may be off by itself: phase, amplitude, and both powers in the normaliser.
+    phase = min(2.0 * np.pi * sigma * near.opl_residual, 2.0) * cross / norm
+    area = float(np.sqrt(np.pi * np.prod(near.support.scale)))
+    amplitude = near.amplitude_residual * area * np.sqrt(mine[0][0]) / norm
+    gamma = total / norm
+    bound = error / norm + phase + amplitude + 0.5 * abs(gamma) * (mine[1] + there[1])
+    return PupilContrast(complex(gamma), float(bound), 0.0, near.bend, parts, "")
+
+
+def _settle(
+    trace: Trace, centre: Array, half: float, count: int, chosen: Callable[[RaysOverPupil], NDArray[np.bool_]]
+) -> RaysOverPupil:
+    """Rays over a disc of the pupil, drawn in around the chosen ones until these fill it."""
+    for _ in range(4):
+        rays = trace(centre + half * disc(count))
+        lit = chosen(rays)
+        if not lit.any() or lit.mean() >= FILLED:
+            break
+        centre, half = bounding_disc(rays.p[lit], half, count)
+    return rays
+
+
+def _own_field(rays: RaysOverPupil, label: str, tol: float) -> PupilField:
+    """The ghost's amplitude over its own pupil, for its power."""
+    clearance = limiting(rays.clearance[:, None], rays.p)
+    flat = np.zeros((1, len(rays.p)))
+    return fit_field(PupilSamples(label, "pupil", rays.p[None], np.array([1.0]), flat, np.sqrt(rays.power)[None],
+                                  clearance, rays.q[None], 0.0, (0.0, 0.0)), target=tol)  # fmt: skip
+
+
+def _parts(
+    trace: Trace, rays: RaysOverPupil, near: PupilField, sigma: float, label: str, tol: float
+) -> Iterator[PupilField]:
+    """The product of both fields over parts of the pupil in which a polynomial follows it.
+
+    A part is cut in two through the middle of its shared rays, so that light is on both sides and none is lost.
+    """
+
+    def lit(r: RaysOverPupil, cuts: tuple[_Cut, ...] = ()) -> NDArray[np.bool_]:
+        here = shared(near, r.chart(near.bend)[0], r.clearance)
+        for cut in cuts:
+            here &= cut.clearance(r.p) > 0.0
+        return here
+
+    at = rays.p[lit(rays)]
+    if not len(at):
+        return
+    waiting: list[tuple[Array, float, tuple[_Cut, ...]]] = [(*bounding_disc(at, _reach(rays.p), len(rays.p)), ())]
+    made = 1
+    while waiting:
+        centre, half, cuts = waiting.pop()
+        part = _settle(trace, centre, half, PART, lambda r, cuts=cuts: lit(r, cuts))  # type: ignore[misc]
+        inside = lit(part, cuts)
+        field, misfit, refused = _product(part, inside, near, cuts, label, tol)
+        at = part.p[inside]
+        last = made >= PARTS or len(at) < FEWEST
+        if field is not None and (misfit <= tol or last):
+            yield field
+            continue
+        if last:
+            raise MethodLimitError(_METHOD, f"{label}: {made} parts of the pupil, and still {refused}", made / PARTS,
+                                   "ask for a larger tolerance")  # fmt: skip
+        axis = int(np.argmax(np.ptp(at, axis=0)))
+        for side in (-1.0, 1.0):
+            cut = _Cut(axis, float(np.median(at[:, axis])), side)
+            there = at[cut.clearance(at) > 0.0]
+            waiting.append((*bounding_disc(there, _reach(part.p), PART), (*cuts, cut)))
+        made += 1
+
+
+def _passes(rays: RaysOverPupil) -> NDArray[np.bool_]:
+    passes: NDArray[np.bool_] = (rays.clearance > 0.0).all(axis=0)
+    return passes
+
+
+def _reach(p: Array) -> float:
+    """Radius of the disc that points (N, 2) fill."""
+    return float(np.sqrt(((p - 0.5 * (p.min(axis=0) + p.max(axis=0))) ** 2).sum(axis=1)).max())
+
+
+def _product(
+    rays: RaysOverPupil, inside: NDArray[np.bool_], near: PupilField, cuts: tuple[_Cut, ...], label: str, tol: float
+) -> tuple[PupilField | None, float, str]:
+    """The product as one field over a part of the pupil, and its misfit as a share; None and why none can be fitted.
+
+    Raises FoldedFieldError if the shared rays, ``inside``, are on more than one sheet.
+    """
+    if not inside.any():
+        return None, np.inf, "no shared ray"
+    u, opl, det = rays.chart(near.bend)
+    first = int(np.flatnonzero(inside)[0])
+    # Rays on another sheet are no continuation of this one.
+    same = det * det[first] > 0.0
+    if (inside & ~same).any():
+        raise FoldedFieldError(
+            f"{label}: det ∂u/∂p changes sign over the shared pupil in the chart {near.bend:.3g} 1/m"
+        )
+    size = _reach(rays.p)
+    clearance = limiting(rays.clearance[:, None], rays.p)[:, 0]
+    edges = np.concatenate([clearance, *(cut.clearance(rays.p)[None] / size for cut in cuts)])
+    samples = product_samples(label, rays.p[same], u[same], opl[same], rays.power[same], det[same], rays.q[same],
+                              edges[:, same], rays.phase(first, near.bend), near)  # fmt: skip
+    try:
+        field = fit_field(samples, target=tol, degrees=FINE_DEGREES)
+    except MethodLimitError as limit:
+        return None, np.inf, str(limit)
+    misfit = 2.0 * np.pi * float(field.sigma[0]) * field.opl_residual
+    misfit += field.amplitude_residual / float(samples.amplitude.max())
+    return field, misfit + float(field.support.residual.max(initial=0.0)), ""
