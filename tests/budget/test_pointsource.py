@@ -1,5 +1,7 @@
 """Point-source contrast of real rays against closed forms: a plate's ghost, defocus; energy; γ beside J."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from chain_cases import (
@@ -16,11 +18,15 @@ from chain_cases import (
     radial,
 )
 
-from cgi_wave.budget.pointsource import direction_field, point_source
-from cgi_wave.errors import CgiWaveError
+from cgi_wave.budget.pointsource import contrast_of, direction_field, fine_field, nominal_fields, point_source
+from cgi_wave.errors import CgiWaveError, FoldedFieldError, MethodLimitError
 from cgi_wave.rays.beams import nominal_direction, rays_to_point, spot
+from cgi_wave.rays.charts import rays_from_points
 from cgi_wave.rays.paths import find_paths, parse_path
 from cgi_wave.wave.field import power
+from cgi_wave.wave.methods.incoherent import incoherent_overlap
+from cgi_wave.wave.overlap import overlap
+from cgi_wave.wave.overpupil import contrast_over_pupil
 
 AXIS = np.zeros(2)
 
@@ -170,3 +176,54 @@ def test_contrasts_of_the_reference_instrument(nir, paths):
         contrasts[ghost.path.label] = ghost.contrast
     assert len(contrasts) > 12
     assert contrasts["filter_front:r arms 2-1"] < 0.01
+
+
+# ------------------------------------------------------------------------------------------------ over the pupil
+
+
+def over_pupil(system, path, other, theta, x0):
+    trace = partial(rays_from_points, system, path, theta, x0, system.sigma0)
+    return contrast_over_pupil(trace, system.pupil_radius, other, system.sigma0, path.label, 3e-7)
+
+
+def test_over_the_pupil_over_directions_and_the_other_way_round(nir, paths):
+    """Ghosts that have both: one number, within both bounds, its conjugate with the beams exchanged, and bounded."""
+    x0 = nir.field_points()[0]
+    theta = nominal_direction(nir, paths[0], x0)
+    nominal = nominal_fields(nir, paths[0], theta, x0)
+    sigma = np.array([nir.sigma0])
+    for path in sampled(paths, 1, 11, 3):
+        ghost = fine_field(nir, path, theta, x0)
+        pair = overlap(ghost, nominal(0.0), sigma, 3e-7)
+        straight = pair.value[0] * np.exp(2j * np.pi * nir.sigma0 * pair.opd_m[0])
+        here = over_pupil(nir, path, nominal, theta, x0)
+        back = over_pupil(nir, paths[0], lambda bend, ghost=ghost: ghost, theta, x0)
+        assert here.bend == back.bend == 0.0
+        assert abs(here.value - straight) < here.error + pair.error_bound[0] < 2e-6, path.label
+        assert abs(back.value.conjugate() - here.value) < here.error + back.error < 2e-6, path.label
+        assert 0.0 < abs(here.value) < 1.0
+        if abs(here.value) > 1e-3:  # a few waves: the rest takes seconds
+            loose = incoherent_overlap(ghost, nominal(0.0), nir.sigma0, 1e-2)
+            assert abs(here.value) < loose.value + loose.error
+
+
+@pytest.mark.parametrize(
+    "band, name, why",
+    [("NIR", "L3_front", "open"), ("SWIR2", "L3_front", "Fresnel number"), ("SWIR2", "L1_back", "Fresnel number")],
+)
+def test_crowded_and_collimated_ghosts_have_a_contrast(instrument, band, name, why):
+    """Directions that crowd beyond a polynomial: cut. A beam that is nearly collimated at the detector: a bent chart."""
+    system = instrument.band(band)
+    found = find_paths(system, min_power=1e-4, probes=128)
+    path = next(path for path in found if path.history == ((name, "reflect"),))
+    x0 = system.field_points()[0]
+    theta = nominal_direction(system, found[0], x0)
+    with pytest.raises((FoldedFieldError, MethodLimitError), match=why):
+        direction_field(system, path, theta, x0)
+    here = contrast_of(system, path, theta, x0, nominal_fields(system, found[0], theta, x0))
+    assert here.method.startswith("over the ghost's pupil")
+    assert 1e-4 < abs(here.value) < 2e-3
+    if "lens" in here.method:
+        assert here.error < 0.5 * abs(here.value)
+    else:
+        assert here.error < 1e-6
