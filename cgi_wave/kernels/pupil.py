@@ -195,7 +195,7 @@ def integrate(rays, owner, panels, steering, tilt, phase, amp_a, amp_b, weight, 
     count_t, n = phase.shape[0], phase.shape[1]
     sums, weighted, edge = np.zeros((count_t, 5)), np.zeros(4), 0.0
     cp, ca, cb = np.empty((count_t, n)), np.empty((count_t, n)), np.empty((count_t, n))
-    cs, ck = np.empty((steering.shape[0], n)), np.empty((clear.shape[0], n))
+    cs, ck = np.empty((steering.shape[0], n)), np.empty(clear.shape[:2])
     cw, one = np.empty((1, n)), np.empty((1, n, n))
     one[0] = weight
     longest = panels.max() * GAUSS
@@ -228,7 +228,7 @@ def integrate(rays, owner, panels, steering, tilt, phase, amp_a, amp_b, weight, 
             k, x = owner[r, e], rays[r, 2 + e]
             if k >= 0:
                 slope = 0.0
-                for i in range(n - 1, 0, -1):
+                for i in range(ck.shape[1] - 1, 0, -1):
                     slope = slope * x + i * ck[k, i]
                 strip = min(residual[k] / max(abs(slope), 1e-300), hi - lo)
                 edge += abs(horner(ca[middle], x) * horner(cb[middle], x)) * x * strip * rays[r, 1]

@@ -12,7 +12,7 @@ from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
 from cgi_wave.kernels.fit import near_points
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
 from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
-from cgi_wave.wave.region import SAFETY, Region, Support, integrate
+from cgi_wave.wave.region import SAFETY, Region, Support, integrate, trimmed
 from cgi_wave.wave.samples import PupilSamples, Space
 from cgi_wave.wave.support import cutting, domain, fenced, unshadowed
 
@@ -327,14 +327,14 @@ def _region(support: Support, u: Array, spacing: float) -> Region:
     n = support.clearance.shape[-1]
     clearance = expand(support.clearance, support.centre, support.scale, pivot, frame, n)
     ellipse = np.array([[*((support.centre - pivot) / frame), *(support.scale / frame)]])
-    return Region(pivot, frame, clearance, support.residual, ellipse, (u - pivot) / frame)
+    return Region(pivot, frame, trimmed(clearance), support.residual, ellipse, (u - pivot) / frame, n)
 
 
 def _power(
     region: Region, support: Support, amplitude: Array, residual: float, label: str, tol: float
 ) -> tuple[Array, float]:
     """Gram matrix (S, S) of the amplitudes over the support and the relative error bound of the power."""
-    n = region.clearance.shape[-1]
+    n = region.terms
     a = expand(amplitude, support.centre, support.scale, region.pivot, region.frame, n)
     # Every product of two amplitudes once; the squares come with them.
     left, right = np.triu_indices(len(a), 1) if len(a) > 1 else (np.zeros(1, int), np.zeros(1, int))

@@ -13,7 +13,7 @@ from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.wave.basis import Array, chebyshev_tail, chebyshev_wavenumbers, expand
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.region import METHOD as PANELS
-from cgi_wave.wave.region import SAFETY, Integral, Region, boundary, build, find_region, integrate, spread
+from cgi_wave.wave.region import SAFETY, Integral, Region, Rough, boundary, build, find_region, integrate, rough, spread
 from cgi_wave.wave.stokes import BOUNDARY_METHOD as BOUNDARY
 from cgi_wave.wave.stokes import NO_FACTOR, boundary_integral
 
@@ -52,19 +52,22 @@ class Overlap:
 
 @dataclass(frozen=True)
 class _Pair:
-    """The polynomials of two fields in their common frame: phase in cycles, without its value at the pivot."""
+    """The polynomials of two fields in their common frame: phase in cycles, without its value at the pivot.
+
+    steer: difference of the y direction cosines; None where both are the coordinate itself.
+    """
 
     region: Region
     phase: Array
     opd_m: Array
     a: Array
     b: Array
-    steer: Array
+    steer: Array | None
     norm: Array
 
 
 def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair:  # noqa: E741
-    n = region.clearance.shape[-1]
+    n = region.terms
 
     def in_frame(field: PupilField, coef: Array) -> Array:
         return expand(coef, field.support.centre, field.support.scale, region.pivot, region.frame, n)
@@ -73,7 +76,8 @@ def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair: 
     path = np.tensordot(weights_m, in_frame(m, m.opl), 1) - np.tensordot(weights_l, in_frame(l, l.opl), 1)
     opd_m = path[:, 0, 0].copy()
     path[:, 0, 0] = 0.0
-    steer = in_frame(m, m.direction[1]) - in_frame(l, l.direction[1])
+    alike = m.space == "direction" and m.bend == 0.0
+    steer = None if alike else in_frame(m, m.direction[1]) - in_frame(l, l.direction[1])
     a = np.tensordot(weights_m, in_frame(m, m.amplitude), 1)
     b = np.tensordot(weights_l, in_frame(l, l.amplitude), 1)
     norm = np.sqrt(m.power_at(sigma) * l.power_at(sigma))
@@ -95,7 +99,8 @@ def _check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741
 
 def _panels(pair: _Pair, tol: float) -> tuple[Integral, str]:
     """All integrals of a pair by boundary-fitted Gauss panels; all wavenumbers share the nodes."""
-    return integrate(pair.region, pair.phase, pair.a, pair.b, pair.steer, pair.norm, tol), PANELS
+    steer = np.zeros(pair.phase.shape[1:]) if pair.steer is None else pair.steer
+    return integrate(pair.region, pair.phase, pair.a, pair.b, steer, pair.norm, tol), PANELS
 
 
 def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
@@ -103,12 +108,11 @@ def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
     region, middle, count = pair.region, pair.phase.shape[0] // 2, pair.phase.shape[0]
     curves, missed = boundary(region)
     still = slice(middle, middle + 1)
-    flat = integrate(
-        region, np.zeros_like(pair.phase[still]), pair.a[still], pair.b[still], pair.steer, pair.norm[still], 1e-6
-    )
+    flat, change, unweighted = _flat(pair, still)
     area = float(np.prod(region.frame))
+    factor = NO_FACTOR if pair.steer is None else pair.steer
     found = [
-        boundary_integral(curves, phase, a, b, pair.steer if t == middle else NO_FACTOR, tol * norm / area)
+        boundary_integral(curves, phase, a, b, factor if t == middle else NO_FACTOR, tol * norm / area)
         for t, (phase, a, b, norm) in enumerate(zip(pair.phase, pair.a, pair.b, pair.norm, strict=True))
     ]
     # |x|, |y| <= 1 in the frame: the sum of the coefficients bounds a polynomial there
@@ -122,17 +126,31 @@ def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
         )
     return Integral(
         np.array([area * f.value for f in found], np.complex128),
-        np.repeat(flat.cross, count),
-        np.repeat(flat.aa, count),
-        np.repeat(flat.bb, count),
+        np.full(count, flat.cross),
+        np.full(count, flat.aa),
+        np.full(count, flat.bb),
         area * found[middle].weighted,
-        flat.unweighted,
+        unweighted,
         flat.area,
         flat.edge,
         error,
-        np.repeat(flat.change_power, count),
+        np.full(count, change),
         max(f.nodes for f in found),
     ), BOUNDARY
+
+
+def _flat(pair: _Pair, still: slice) -> tuple[Rough, float, float]:
+    """What has no phase in it, at the middle wavenumber; how far max(aa, bb) is off; mean of ``steer`` times cross.
+
+    Where the slope is 0 by definition, all of it goes into bounds only.
+    """
+    a, b = pair.a[still], pair.b[still]
+    if pair.steer is None:
+        found = rough(pair.region, a[0], b[0])
+        return found, 0.01 * max(found.aa, found.bb), 0.0
+    flat = integrate(pair.region, np.zeros_like(pair.phase[still]), a, b, pair.steer, pair.norm[still], 1e-6)
+    sums = Rough(float(flat.cross[0]), float(flat.aa[0]), float(flat.bb[0]), flat.area, flat.edge)
+    return sums, float(flat.change_power[0]), flat.unweighted
 
 
 def _auto(pair: _Pair, tol: float) -> tuple[Integral, str]:
@@ -202,7 +220,7 @@ def integral_over(field: PupilField, tol: float) -> tuple[complex, float, float,
     region = find_region([field.support])
     if region is None:
         return 0.0, 0.0, 0.0, "no shared support"
-    middle, n = field.sigma.size // 2, region.clearance.shape[-1]
+    middle, n = field.sigma.size // 2, region.terms
     sigma = float(field.sigma[middle])
 
     def in_frame(coef: Array) -> Array:
@@ -211,9 +229,9 @@ def integral_over(field: PupilField, tol: float) -> tuple[complex, float, float,
     path = in_frame(field.opl[middle])
     pivot_phase = 2.0 * np.pi * sigma * path[0, 0, 0] + field.phase
     path[:, 0, 0] = 0.0
-    one, none = np.zeros((1, n, n)), np.zeros((n, n))
+    one = np.zeros((1, n, n))
     one[0, 0, 0] = 1.0
-    pair = _Pair(region, path * sigma, np.zeros(1), in_frame(field.amplitude[middle]), one, none, np.ones(1))
+    pair = _Pair(region, path * sigma, np.zeros(1), in_frame(field.amplitude[middle]), one, None, np.ones(1))
     total, name = _auto(pair, tol)
     cross = float(total.cross[0])
     misfit = min(2.0 * np.pi * sigma * field.opl_residual, 2.0) * cross + field.amplitude_residual * total.area
@@ -240,7 +258,8 @@ def mutual_power_bound(m: PupilField, l: PupilField) -> float:  # noqa: E741
         return 0.0
     sigma = m.sigma[[m.sigma.size // 2]]
     pair = _pair(m, l, sigma, region)
-    total = integrate(region, np.zeros_like(pair.phase), pair.a, pair.b, pair.steer, pair.norm, 1e-3)
+    none = np.zeros(pair.phase.shape[1:])
+    total = integrate(region, np.zeros_like(pair.phase), pair.a, pair.b, none, pair.norm, 1e-3)
     strip = (total.edge + SAFETY * float(total.change_power.max())) / float(pair.norm[0])
     return min(1.0, 1.005 * float(np.sqrt(total.aa[0] * total.bb[0]) / pair.norm[0]) + strip)
 

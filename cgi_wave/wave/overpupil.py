@@ -207,9 +207,9 @@ def _parts(
     """
 
     def lit(r: RaysOverPupil, cuts: tuple[_Cut, ...] = ()) -> NDArray[np.bool_]:
-        here = shared(near, r.chart(near.bend)[0], r.clearance)
+        here: NDArray[np.bool_] = shared(near, r.chart(near.bend)[0], r.clearance)
         for cut in cuts:
-            here &= cut.clearance(r.p) > 0.0
+            here = np.logical_and(here, cut.clearance(r.p) > 0.0)
         return here
 
     at = rays.p[lit(rays)]

@@ -212,7 +212,7 @@ def test_over_the_pupil_over_directions_and_the_other_way_round(nir, paths):
     [("NIR", "L3_front", "open"), ("SWIR2", "L3_front", "Fresnel number"), ("SWIR2", "L1_back", "Fresnel number")],
 )
 def test_crowded_and_collimated_ghosts_have_a_contrast(instrument, band, name, why):
-    """Directions that crowd beyond a polynomial: cut. A beam that is nearly collimated at the detector: a bent chart."""
+    """Directions that crowd beyond a polynomial: cut. A beam nearly collimated at the detector: a bent chart."""
     system = instrument.band(band)
     found = find_paths(system, min_power=1e-4, probes=128)
     path = next(path for path in found if path.history == ((name, "reflect"),))

@@ -149,7 +149,8 @@ def test_no_shared_direction_is_an_answer():
 
 
 def test_over_the_pupil_and_over_directions_alike():
-    """One sheet of directions: the same integral with other coordinates, within both bounds. Other charts come near."""
+    """One sheet of directions: the same integral with other coordinates, within both bounds. Other charts
+    come near."""
     here = found(SIGMA, rays=Straight)
     assert here.bend == 0.0 and here.charts == 0.0
     rays = Straight(cloud(1.7 * X, 900))

@@ -39,7 +39,7 @@ def panel_nodes(beam: Beam, reach: float, level: int) -> Nodes:
     region = find_region([s])
     if region is None:
         raise EmptyBeamError(f"{beam.label}: the fitted support is empty")
-    n = region.clearance.shape[-1]
+    n = region.terms
     phase = expand(beam.path, s.centre, s.scale, region.pivot, region.frame, n)[None] * beam.sigma
     tilt = beam.sigma * reach * float(region.frame.max())
     q = build(region, phase, tilt, level)
@@ -54,7 +54,7 @@ def estimate_nodes(beam: Beam, reach: float, level: int) -> int:
     region = find_region([s])
     if region is None:
         raise EmptyBeamError(f"{beam.label}: the fitted support is empty")
-    n = region.clearance.shape[-1]
+    n = region.terms
     phase = expand(beam.path, s.centre, s.scale, region.pivot, region.frame, n)[None] * beam.sigma
     nodes = build(region, phase, beam.sigma * reach * float(region.frame.max()), level).nodes
     if nodes > NODE_CAP:
