@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cgi_wave.budget.fieldpoint import FIT_TARGET, pupil_samples
 from cgi_wave.errors import CgiWaveError, EmptyBeamError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.beams import Spot, rays_from_direction, spot
+from cgi_wave.rays.beams import Rays, Spot, rays_from_direction, spot
 from cgi_wave.rays.charts import rays_from_points
 from cgi_wave.rays.disc import NODES
 from cgi_wave.rays.paths import Path
@@ -30,8 +30,10 @@ MORE_RAYS, BLURRED = 1600, 1e-2
 #: Error asked of a contrast in the ghost table: where that of the direction-space field is larger, the ghost's pupil is
 #: tried. A third of it each is asked of the fits and of the quadrature.
 CONTRAST_TOLERANCE, SHARE = 1e-6, 0.3
-#: Rays of a ghost's field that is good to that; rays and misfit of the nominal field, which stands in every pair.
-FINE_RAYS, NOMINAL_RAYS, NOMINAL_TARGET = 400, 1600, 1e-8
+#: Rays of a ghost's field that is good to that; how many more are tried, and up to which excess of the bound.
+FINE_RAYS, FINER_RAYS, NEARLY = 400, 800, 10.0
+#: Rays and misfit of the nominal field, which stands in every pair.
+NOMINAL_RAYS, NOMINAL_TARGET = 1600, 1e-8
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,15 @@ def direction_field(system: OpticalSystem, path: Path, theta: Array, x0: Array) 
 
 
 def fine_field(
-    system: OpticalSystem, path: Path, theta: Array, x0: Array, tolerance: float = CONTRAST_TOLERANCE
+    system: OpticalSystem,
+    path: Path,
+    theta: Array,
+    x0: Array,
+    tolerance: float = CONTRAST_TOLERANCE,
+    count: int = FINE_RAYS,
 ) -> PupilField:
     """As ``direction_field``, by as many rays and as high a degree as a contrast good to ``tolerance`` asks for."""
-    return _field(system, path, theta, x0, FINE_RAYS, SHARE * tolerance, degrees=FINE_DEGREES)
+    return _field(system, path, theta, x0, count, SHARE * tolerance, degrees=FINE_DEGREES)
 
 
 def chart_field(system: OpticalSystem, path: Path, theta: Array, x0: Array, bend: float = 0.0) -> PupilField:
@@ -111,12 +118,25 @@ def _field(
     bend: float = 0.0,
     degrees: Sequence[int] = DEGREES,
 ) -> PupilField:
-    sigma = np.array([system.sigma0])
-    rays = rays_from_direction(system, path, theta, x0, sigma, count, bend)
+    rays = rays_from_direction(system, path, theta, x0, np.array([system.sigma0]), count, bend)
+    return field_of(system, path, rays, x0, target, bend, degrees)
+
+
+def field_of(
+    system: OpticalSystem,
+    path: Path,
+    rays: Rays,
+    x0: Array,
+    target: float = SHARE * CONTRAST_TOLERANCE,
+    bend: float = 0.0,
+    degrees: Sequence[int] = FINE_DEGREES,
+) -> PupilField:
+    """The field of rays of one source direction, traced about x0 in the chart of ``bend``, if their map has one."""
     lit = (rays.clearance[:, 0] > 0).all(axis=0)
     if lit.sum() >= 60:
         check_map(rays.pupil[0][lit], rays.u[0][lit], system.sigma0, path.label)
-    return fit_field(pupil_samples(rays, path, "direction", sigma, x0, bend), target=target, degrees=degrees)
+    samples = pupil_samples(rays, path, "direction", np.array([system.sigma0]), x0, bend)
+    return fit_field(samples, target=target, degrees=degrees)
 
 
 def contrast_of(
@@ -137,16 +157,18 @@ def contrast_of(
     """
     sigma0, share = system.sigma0, SHARE * tolerance
     found, why = None, ""
-    try:
-        field = fine_field(system, path, theta, x0, tolerance)
-        pair = overlap(field, nominal(0.0), np.array([sigma0]), share)
-        turned = complex(pair.value[0] * np.exp(2j * np.pi * sigma0 * pair.opd_m[0]))
-        found = Contrast(turned, float(pair.error_bound[0]), pair.method)
-        if found.error <= tolerance:
-            return found
-        why = f"bound {found.error:.1e} over directions"
-    except CgiWaveError as limit:
-        why = str(limit)
+    for count in (FINE_RAYS, FINER_RAYS):
+        try:
+            here = direction_contrast(fine_field(system, path, theta, x0, tolerance, count), nominal(0.0), share)
+        except CgiWaveError as limit:
+            why = str(limit)
+            break
+        if here.error <= tolerance:
+            return here
+        if found is None or here.error < found.error:
+            found, why = here, f"bound {here.error:.1e} over directions"
+        if here.error > NEARLY * tolerance:
+            break
     trace = partial(rays_from_points, system, path, theta, x0, sigma0)
     try:
         over = contrast_over_pupil(trace, system.pupil_radius, nominal, sigma0, path.label, share)
@@ -165,6 +187,14 @@ def contrast_of(
             f"bound {over.error:.1e}, charts differ by {over.charts:.1e})"
         )
     return Contrast(over.value, error, how)
+
+
+def direction_contrast(ghost: PupilField, nominal: PupilField, tol: float) -> Contrast:
+    """γ of two fields over direction cosines at their σ; tol: numerical error allowed. Raises MethodLimitError."""
+    sigma = nominal.sigma[[nominal.sigma.size // 2]]
+    pair = overlap(ghost, nominal, sigma, tol)
+    turned = complex(pair.value[0] * np.exp(2j * np.pi * sigma[0] * pair.opd_m[0]))
+    return Contrast(turned, float(pair.error_bound[0]), pair.method)
 
 
 def point_source(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0: Array, orders: int = 2) -> PointSource:

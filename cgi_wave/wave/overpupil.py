@@ -239,8 +239,7 @@ def _parts(
 
 
 def _passes(rays: RaysOverPupil) -> NDArray[np.bool_]:
-    passes: NDArray[np.bool_] = (rays.clearance > 0.0).all(axis=0)
-    return passes
+    return np.all(rays.clearance > 0.0, axis=0)
 
 
 def _reach(p: Array) -> float:

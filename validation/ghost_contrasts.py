@@ -1,0 +1,214 @@
+"""Every γ of every ghost with the nominal beam, all field points and bands: bounds, refusals, and what it takes.
+
+    uv run python validation/ghost_contrasts.py [--json] [--bands NIR VIS] [--fields N] [--every N] [--threads N]
+                                                [--tolerance T]
+
+One process, kernels compiled beforehand. Seconds are told apart: tracing the ghosts' rays, fitting their fields over
+direction cosines, the contrasts of these, and what remains, whose bounds exceed the tolerance or which have no such
+field: more rays, or the ghost's own pupil (docs/contrast.md). Finding paths and nominal fields is not counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from cgi_wave.analysis import list_bands
+from cgi_wave.budget.pointsource import (
+    CONTRAST_TOLERANCE,
+    FINE_RAYS,
+    SHARE,
+    Contrast,
+    contrast_of,
+    direction_contrast,
+    field_of,
+    nominal_fields,
+)
+from cgi_wave.budget.select import select_ghosts
+from cgi_wave.budget.setting import band_setting
+from cgi_wave.errors import CgiWaveError, EmptyBeamError
+from cgi_wave.optics.system import OpticalSystem, load_instrument
+from cgi_wave.rays.beams import Rays, nominal_direction, rays_from_direction
+from cgi_wave.rays.paths import Path, find_paths
+from cgi_wave.wave.field import PupilField
+
+Array = NDArray[np.float64]
+STEPS = ("tracing", "fitting", "contrasts", "rest")
+
+
+@dataclass(frozen=True)
+class Place:
+    """One field point: the nominal beam's source direction and fields, and the detector point."""
+
+    system: OpticalSystem
+    theta: Array
+    x0: Array
+    nominal: Callable[[float], PupilField]
+
+
+def study(
+    bands: Sequence[str] | None = None,
+    fields: int = 5,
+    every: int = 1,
+    threads: int = 2,
+    tolerance: float = CONTRAST_TOLERANCE,
+    progress: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Figures by band and together. fields: how many of the field points; every: one ghost in so many."""
+    found = []
+    for name in bands or list_bands():
+        system = load_instrument().band(name)
+        paths = select_ghosts(band_setting(system), find_paths(system))
+        found.append(_band(system, paths[:1], paths[2::every], fields, threads, tolerance))
+        progress(f"{name}: {found[-1]['pairs']} pairs, {sum(found[-1]['seconds'].values()):.1f} s")
+    summed = ("pairs", "no_light", "refused", "above_tolerance", "over_the_pupil", "bent_charts")
+    total: dict[str, Any] = {key: sum(row[key] for row in found) for key in summed}
+    total["seconds"] = {step: sum(row["seconds"][step] for row in found) for step in STEPS}
+    total["seconds_all"] = sum(total["seconds"].values())
+    total["ms_per_contrast"] = 1e3 * total["seconds"]["contrasts"] / max(total["pairs"], 1)
+    return {"tolerance": tolerance, "threads": threads, **total, "bands": found}
+
+
+def _band(
+    system: OpticalSystem, nominal: Sequence[Path], ghosts: Sequence[Path], fields: int, threads: int, tolerance: float
+) -> dict[str, Any]:
+    places = []
+    for x0 in system.field_points()[:fields]:
+        theta = nominal_direction(system, nominal[0], x0)
+        places.append(Place(system, theta, x0, nominal_fields(system, nominal[0], theta, x0)))
+        places[-1].nominal(0.0)
+    _warm(places[0], ghosts, tolerance)
+    seconds, contrasts = dict.fromkeys(STEPS, 0.0), []
+    reasons: Counter[str] = Counter()
+    dark = 0
+    with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
+        for place in places:
+            done, empty = _place(place, ghosts, tolerance, pool, seconds)
+            dark += empty
+            for path, item in done:
+                if isinstance(item, Contrast):
+                    contrasts.append(item)
+                else:
+                    reasons[f"{path.label}: {item}"] += 1
+    error = np.array([item.error for item in contrasts])
+    over = [item for item in contrasts if item.method.startswith("over")]
+    return {
+        "band": system.band,
+        "pairs": len(contrasts) + sum(reasons.values()),
+        "no_light": dark,
+        "refused": sum(reasons.values()),
+        "refusals": dict(reasons),
+        "above_tolerance": int((error > tolerance).sum()),
+        "above": {f"{limit:g}": int((error > limit).sum()) for limit in (1e-6, 1e-5, 1e-4, 1e-2)},
+        "largest_error": float(error.max(initial=0.0)),
+        "median_error": float(np.median(error)) if len(error) else None,
+        "over_the_pupil": len(over),
+        "bent_charts": sum("lens" in item.method for item in over),
+        "seconds": seconds,
+    }
+
+
+def _warm(place: Place, ghosts: Sequence[Path], tolerance: float) -> None:
+    """Compile what will be timed: some ghosts, each both ways."""
+    for path in ghosts[:: max(1, len(ghosts) // 8)]:
+        for goal in (tolerance, 1e-12):
+            try:
+                contrast_of(place.system, path, place.theta, place.x0, place.nominal, max(goal, 1e-9))
+            except CgiWaveError:
+                continue
+
+
+def _place(
+    place: Place, ghosts: Sequence[Path], tolerance: float, pool: ThreadPoolExecutor, seconds: dict[str, float]
+) -> tuple[list[tuple[Path, Contrast | str]], int]:
+    """γ of every ghost, or why there is none; and how many do not arrive."""
+    sigma = np.array([place.system.sigma0])
+
+    def timed(step: str, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+        started = time.perf_counter()
+        done = list(pool.map(work, items))
+        seconds[step] += time.perf_counter() - started
+        return done
+
+    def trace(path: Path) -> Rays | None:
+        try:
+            return rays_from_direction(place.system, path, place.theta, place.x0, sigma, FINE_RAYS)
+        except EmptyBeamError:
+            return None
+
+    def fit(item: tuple[Path, Rays]) -> PupilField | None:
+        try:
+            return field_of(place.system, *item, place.x0, SHARE * tolerance)
+        except CgiWaveError:
+            return None
+
+    def overlap(field: PupilField | None) -> Contrast | None:
+        try:
+            return None if field is None else direction_contrast(field, place.nominal(0.0), SHARE * tolerance)
+        except CgiWaveError:
+            return None
+
+    def rest(path: Path) -> Contrast | str:
+        try:
+            return contrast_of(place.system, path, place.theta, place.x0, place.nominal, tolerance)
+        except CgiWaveError as limit:
+            return str(limit)
+
+    rays = timed("tracing", trace, ghosts)
+    arrived = [(path, beam) for path, beam in zip(ghosts, rays, strict=True) if beam is not None]
+    values = timed("contrasts", overlap, timed("fitting", fit, arrived))
+    good = [value is not None and value.error <= tolerance for value in values]
+    again = timed("rest", rest, [path for (path, _), ok in zip(arrived, good, strict=True) if not ok])
+    left = iter(again)
+    done = [(path, value if ok else next(left)) for (path, _), value, ok in zip(arrived, values, good, strict=True)]
+    return done, len(ghosts) - len(arrived)
+
+
+def text(result: dict[str, Any]) -> str:
+    """The figures as lines."""
+    columns = ("pairs", "no_light", "refused", "above_tolerance", "over_the_pupil", "bent_charts")
+    names = ("pairs", "no light", "refused", f"> {result['tolerance']:g}", "over pupil", "bent chart")
+    lines = [f"{'band':12}" + "".join(f"{name:>12}" for name in (*names, *(f"{step} / s" for step in STEPS)))]
+    for row in (*result["bands"], {"band": "all", **result}):
+        cells = [str(row[key]) for key in columns] + [f"{row['seconds'][step]:.2f}" for step in STEPS]
+        lines.append(f"{row['band']:12}" + "".join(f"{cell:>12}" for cell in cells))
+    lines.append(
+        f"{result['threads']} threads, {result['seconds_all']:.1f} s in all; {result['ms_per_contrast']:.2f} ms of "
+        "wall time a contrast, given its field"
+    )
+    for row in result["bands"]:
+        lines += [f"refused, {row['band']}: {reason}" for reason in row["refusals"]]
+    return "\n".join(lines)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """The study from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bands", nargs="*", metavar="BAND", help="all unless named")
+    parser.add_argument("--fields", type=int, default=5, help="field points of a band, from the zone's centre on")
+    parser.add_argument("--every", type=int, default=1, help="one ghost in so many")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--tolerance", type=float, default=CONTRAST_TOLERANCE)
+    parser.add_argument("--json", action="store_true", help="one JSON document on standard output")
+    given = parser.parse_args(words)
+
+    def say(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    result = study(given.bands, given.fields, given.every, given.threads, given.tolerance, say)
+    print(json.dumps(result, indent=1) if given.json else text(result))
+
+
+if __name__ == "__main__":
+    main()
