@@ -1,6 +1,6 @@
 """The chain beside closed forms, on traced rays: the tests' cases, with more distances, all field points, both bands.
 
-    uv run python validation/closed_forms.py [--json]
+    uv run python -m validation.closed_forms [--json]
 
 Prints our value, the closed form, their difference, and what the difference may be: the error bound of a contrast, or
 what the blur of the traced spots allows (see docs/validation.md).

@@ -1,6 +1,6 @@
 """The study `contrast`: error bounds of the overlap contrast against two oracles, its speed, and its peers.
 
-    uv run python validation/contrast.py [--json] [--cases N] [--jobs J] [--out DIR]
+    uv run python -m validation.contrast [--json] [--cases N] [--jobs J] [--out DIR]
 
 Random and adversarial cases (see `validation/cases.py`) go through both oracles, which have to agree, and through the
 method. Whatever the oracles say is kept in DIR/oracles: a second run computes only what is new. Charts of time against
@@ -21,8 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import cgi_wave
 from cgi_wave.errors import CgiWaveError

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from eq4_plane import cause
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -25,6 +24,7 @@ from cgi_wave.wave.methods.geometric import geometric_overlap
 from cgi_wave.wave.methods.incoherent import Incoherent, incoherent_overlap
 from cgi_wave.wave.methods.shape import Beam, beam_at, find_edge
 from cgi_wave.wave.overlap import overlap
+from validation.eq4_plane import cause
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

@@ -1,6 +1,6 @@
 """The study `fringes`: frames of a real zone beside the sum of every term, and what frames cost; streaming.
 
-    uv run python validation/fringes.py [--json] [--band NIR] [--pixels N] [--no-stream] [--out DIR]
+    uv run python -m validation.fringes [--json] [--band NIR] [--pixels N] [--no-stream] [--out DIR]
 
 Traces the band's fringe field, stretches it over 1024 × 1024 pixels, and makes the frame of a uniform scene with all
 ghosts. The direct sum (float64, compiled, two threads, every pair and spectral sample) is taken at random pixels: the
@@ -21,8 +21,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit, prange
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import zone_rows

@@ -1,6 +1,6 @@
 """The computed O2 A band beside a published line list.
 
-    python validation/oxygen.py O2_ABand_Drouin_2017_linelist.csv
+    python -m validation.oxygen O2_ABand_Drouin_2017_linelist.csv
 
 The list is that of Drouin et al., JQSRT 186, 118 (2017), in the CSV layout of the NIST MATS repository
 (https://github.com/usnistgov/MATS, free use with notice; not shipped here). Prints, branch by branch, the residuals of
@@ -13,6 +13,7 @@ import csv
 import re
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -92,11 +93,12 @@ def compare_lines(published: LineList, main: np.ndarray) -> None:
 
 def compare_rises(published: LineList) -> None:
     print("\nfilter                     lines       rise (mm)  NMA      largest |ΔG| of 0.6 … 5 mm")
-    for centre, fwhm, shape in (
+    shapes: tuple[tuple[float, float, Literal["flat-top", "gaussian"]], ...] = (
         (764.0, 2.6, "flat-top"),
         (764.0, 2.6, "gaussian"),
         (764.5, 3.5, "flat-top"),
-    ):
+    )
+    for centre, fwhm, shape in shapes:
         band = Filter(centre * 1e-9, fwhm * 1e-9, shape)
         computed = toa_radiance("o2a", band, 6e-3)
         sun = 0.3 / np.pi * solar_irradiance(computed.sigma)

@@ -1,6 +1,6 @@
 """Ranking of remedies: scaled terms against a trace from the beginning, and linear guesses against the exact gain.
 
-uv run python validation/ranking.py [--band NIR] [--instrument FILE] [--json]
+uv run python -m validation.ranking [--band NIR] [--instrument FILE] [--json]
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from study_page import table
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import setting_of, zone_rows
@@ -22,6 +21,7 @@ from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.terms import Factors
 from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.ranking import trace_remedy
+from validation.study_page import table
 
 FACTORS = (0.9, 0.5, 0.25, 0.1, 0.0)
 #: Remedies that are compared in detail: those with the largest gains.

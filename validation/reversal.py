@@ -1,6 +1,6 @@
 """Every ghost of every band traced backwards, its étendue, and the light of a plate stack that adds up.
 
-    uv run python validation/reversal.py [BAND…] [--instrument FILE] [--json]
+    uv run python -m validation.reversal [BAND…] [--instrument FILE] [--json]
 
 * **Reversal.** An instrument is made whose entrance pupil is the detector and whose detector is the entrance pupil; the
   steps of each ghost are taken in reverse by the same public path and tracing functions. Rays must end where they

@@ -1,6 +1,6 @@
 """The path search on the reference instrument: what it costs, what its bound saves, and what 512 probes miss.
 
-    uv run python validation/search.py [BAND …] [--probes N] [--json]
+    uv run python -m validation.search [BAND …] [--probes N] [--json]
 
 Per band: ghosts by order, by first parasitic surface, and above 1e-5 of the nominal power, beside the paper's number
 (families: paths that differ only in the arms they took);

@@ -1,6 +1,6 @@
 """The slope of every ghost's path difference: exact rays beside the count of sloped surfaces, and why they part.
 
-    uv run python validation/slopes.py [BAND…] [--instrument FILE] [--out DIR] [--json]
+    uv run python -m validation.slopes [BAND…] [--instrument FILE] [--out DIR] [--json]
 
 The exact slope of a ghost against the nominal beam of arm 1 is the difference of their direction cosines along y at
 one detector point, for rays of one pupil point, mean over the pupil. The paper counts: every sloped surface that is met
@@ -28,7 +28,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from study_page import table, write_page
 
 from cgi_wave.budget.ghosts import count_slope
 from cgi_wave.budget.select import select_ghosts
@@ -38,6 +37,7 @@ from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.rays.beams import nominal_direction, rays_to_point
 from cgi_wave.rays.paths import Path, find_paths
 from cgi_wave.rays.trace import aim_and_trace, compile_sequence, history
+from validation.study_page import table, write_page
 
 Array = NDArray[np.float64]
 #: Two slopes are taken as one within this part of the larger of the ghost's slope and the nominal one.
@@ -61,7 +61,7 @@ def straightened(name: str, file: str | None) -> OpticalSystem:
     system = instrument.band(name)
     inter = system.document.interferometer
     assert inter is not None
-    values = {}
+    values: dict[str, float | str | list[float]] = {}
     for frame in system.document.frame:
         for surface in frame.surface:
             if surface.name in {*inter.arm1.sloped, *inter.arm2.sloped}:

@@ -1,6 +1,6 @@
 """Accuracy against cost of the plan: one field point at several tolerances, error bars beside the time they took.
 
-uv run python validation/tolerance.py [--band NIR] [--json]
+uv run python -m validation.tolerance [--band NIR] [--json]
 """
 
 from __future__ import annotations
