@@ -24,6 +24,7 @@ import numpy as np
 
 import cgi_wave
 from cgi_wave.errors import CgiWaveError
+from cgi_wave.report.output import to_json
 from cgi_wave.wave.hopkins import HopkinsPair
 from cgi_wave.wave.methods.auto import method
 from cgi_wave.wave.methods.base import Estimate, OverlapMethod
@@ -242,7 +243,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"interrupted; what the oracles said is in {options.out / 'oracles'}", file=sys.stderr)
         return 130
     if options.json:
-        print(json.dumps(result))
+        print(to_json(result))
     else:
         for name, value in result.items():
             if not isinstance(value, dict | list):

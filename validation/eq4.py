@@ -12,7 +12,6 @@ expected to take at most ``--seconds`` a ghost), the overlap of the geometric sp
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from cgi_wave.report.output import to_json
 from validation.eq4_ghosts import band, ghost_rows
 from validation.eq4_page import band_table, plane_table, usable, write
 from validation.eq4_plane import (
@@ -152,7 +152,7 @@ def main() -> None:
         options.out, options.bands, options.pairs, options.seconds, progress=lambda text: print(text, file=sys.stderr)
     )
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(to_json(found))
         return
     plane = found["plane"]
     print(table(plane["charts"]))

@@ -12,7 +12,6 @@ the result, and ``broken_promises`` bounds beyond the one promised beforehand.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ import numpy as np  # noqa: E402
 from cases import defocus, quadrature  # noqa: E402
 
 from cgi_wave.errors import CgiWaveError  # noqa: E402
+from cgi_wave.report.output import to_json  # noqa: E402
 from cgi_wave.wave.hopkins import HopkinsPair  # noqa: E402
 from cgi_wave.wave.methods.fft import PrunedFft, WindowFft  # noqa: E402
 from cgi_wave.wave.methods.geometric import geometric_overlap  # noqa: E402
@@ -173,7 +173,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.out, options.cases)
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(to_json(found))
         return
     print(table(found["guarded"]))
     print(table(found["imitations"]))

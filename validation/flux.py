@@ -12,7 +12,6 @@ pupil, counted in cells of the detector, beside the solid angle from which the c
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from typing import Any
 
@@ -26,6 +25,7 @@ from cgi_wave.rays.flux import flux, from_field, lambertian
 from cgi_wave.rays.ledger import SUMS, Flux, PathShare
 from cgi_wave.rays.paths import Path, find_paths, pupil_probes
 from cgi_wave.rays.trace import compile_sequence, trace
+from cgi_wave.report.output import to_json
 
 Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ def main() -> None:
     options = parser.parse_args()
     result = study(options.instrument, options.band, options.rays, options.seed)
     if options.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     book, power = result["ledger"], result["powers"]
     print(f"{result['band']}, {result['rays']} rays over the declared field, seed {result['seed']}")

@@ -26,6 +26,7 @@ from scipy.optimize import linprog
 
 from cgi_wave.errors import InputError
 from cgi_wave.lensfile.load import import_lens
+from cgi_wave.report.output import to_json
 from validation import listing_codev, listing_cooke, listing_peers
 from validation.listing_codev import COLUMNS, ULP, Array, Lens
 
@@ -188,11 +189,11 @@ def main() -> None:
         fields = listing_codev.extract(arguments.extract.read_text(encoding="latin-1"), arguments.radius)
         source = f"CODE V listing {arguments.extract.name}; figures only, by validation/listings.py --extract"
         document = {"source": source, "columns": list(COLUMNS), "pupil_radius_mm": arguments.radius, "fields": fields}
-        print(json.dumps(document))
+        print(to_json(document))
         return
     result = study(arguments.lenses)
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     print("\n".join(lines(result)))
 

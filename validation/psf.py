@@ -11,7 +11,6 @@ from a prepared pupil. All the peers are given our gray mask, which is finer tha
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -27,6 +26,7 @@ from cases import bessel, lommel  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from cgi_wave.errors import CgiWaveError  # noqa: E402
+from cgi_wave.report.output import to_json  # noqa: E402
 from cgi_wave.wave.field import PupilField  # noqa: E402
 from cgi_wave.wave.hopkins import HopkinsPair  # noqa: E402
 from cgi_wave.wave.methods import nufft  # noqa: E402
@@ -261,7 +261,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.out, options.listings)
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(to_json(found))
         return
     print(table(found["closed_forms"]))
     print(table(found["speed"]))

@@ -6,7 +6,6 @@ uv run python -m validation.ranking [--band NIR] [--instrument FILE] [--json]
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +20,7 @@ from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.terms import Factors
 from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.ranking import trace_remedy
+from cgi_wave.report.output import to_json
 from validation.study_page import table
 
 FACTORS = (0.9, 0.5, 0.25, 0.1, 0.0)
@@ -131,7 +131,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.band, options.instrument)
     if options.json:
-        print(json.dumps(found, indent=1, ensure_ascii=False))
+        print(to_json(found))
         return
     print(f"{found['band']}: NMA error {found['nma_error']:.5f} ± {found['nma_error_bar']:.5f}\n")
     for name in ("traced", "linear", "sums"):

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.rays.paths import parse_path
 from cgi_wave.rays.trace import Sequence, Traced, compile_sequence, trace
+from cgi_wave.report.output import to_json
 from validation import rays_ghosts, rays_memory
 
 Array = NDArray[np.float64]
@@ -238,7 +239,7 @@ def main() -> None:
             (DATA / f"batoid_{name}.json").write_text(json.dumps(document) + "\n", encoding="utf-8")
         rays_ghosts.store(DATA / "batoid_ghosts.json")
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     print(f"beside {result['peer']}: largest differences")
     for case in result["cases"]:

@@ -19,7 +19,6 @@ that is given. None does: "not explained". Ghosts are those that the analysis tr
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
@@ -37,6 +36,7 @@ from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.rays.beams import nominal_direction, rays_to_point
 from cgi_wave.rays.paths import Path, find_paths
 from cgi_wave.rays.trace import aim_and_trace, compile_sequence, history
+from cgi_wave.report.output import to_json
 from validation.study_page import table, write_page
 
 Array = NDArray[np.float64]
@@ -240,7 +240,7 @@ def main() -> None:
             parts += [f"## {part['band']}\n", table(rows)]
         write_page(arguments.out, "slopes", parts)
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     for part in result["bands"]:
         print(f"{part['band']}: {part['compared']} of {part['ghosts']} ghosts, {part['reach_no_field_point']} reach no "

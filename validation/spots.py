@@ -10,7 +10,6 @@ centroid and the largest difference of any ray on the detector.
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.beams import nominal_direction
 from cgi_wave.rays.paths import find_paths
 from cgi_wave.rays.trace import compile_sequence, trace
+from cgi_wave.report.output import to_json
 from validation.rays import as_traced, batoid_tracer, pupil_points
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     found = study(options.instrument)
     if options.json:
-        print(json.dumps(found))
+        print(to_json(found))
         return
     print("band        wavelength / nm   field x, y / mm    path   rays   RMS / um   batoid's / um")
     for row in found["rows"]:
