@@ -93,8 +93,7 @@ def difference(m: PupilField, l: PupilField, sigma: float) -> Difference | None:
 
 
 def _clear(beam: Beam, u: Array) -> NDArray[np.bool_]:
-    clear: NDArray[np.bool_] = (at_points(beam.support.clearance, beam.scaled(u)) > 0.0).all(axis=0)
-    return clear
+    return np.asarray((at_points(beam.support.clearance, beam.scaled(u)) > 0.0).all(axis=0))
 
 
 def _spread(edge: Array, count: int = 64) -> Array:

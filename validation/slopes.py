@@ -152,12 +152,16 @@ def compare(
                 value = total(own, "weights" in pieces, "heights" in pieces)
                 value -= total(first, "weights" in pieces, "heights" in pieces)
                 value += geometry if "geometry" in pieces and geometry is not None else 0.0
-                tries.append((abs(exact - value), pieces))
+                if np.isfinite(value):  # not where a ray beside has no end
+                    tries.append((abs(exact - value), pieces))
+            if not tries:
+                break
             left, best = min(tries)
             if left <= TOLERANCE * scale:
                 reason = "; ".join(PIECES[piece] for piece in best)
                 break
-    magnification = [round(float(np.mean(height)) / usual[name], 3) for name, _, height in own]
+    ratios = [(float(np.mean(height)) / usual[name]) for name, _, height in own]
+    magnification = [round(ratio, 3) if np.isfinite(ratio) else None for ratio in ratios]
     return {
         "label": path.label, "order": path.order, "exact": exact, "counted": counted, "nominal": nominal_slope,
         "ratio": exact / counted if counted else None, "met": len(own), "heights": magnification,
