@@ -20,7 +20,7 @@ from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.other_light import other_light
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
-from cgi_wave.budget.pointsource import PointSource, point_source
+from cgi_wave.budget.pointsource import CONTRAST_TOLERANCE, PointSource, point_source, without_directions
 from cgi_wave.budget.polarisation import PolarisationBound, polarisation_bound
 from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, Untraced, select_ghosts, untraced
 from cgi_wave.budget.setting import Setting, band_setting
@@ -216,9 +216,23 @@ def plan_band(
         f"{len(beams.empty)} of them do not reach the zone's centre\n"
         f"pupil fields: {fitted} of {len(beams.paths)} beams; the others add their power, summed over rays\n"
         f"contrasts: {len(beams.plan.kept)} pairs, boundary-fitted Gauss panels; about {seconds:.0f} s per field "
-        f"point on one core (nominal pair: {price:.2f} s)\n\n{beams.plan.table(60)}"
+        f"point on one core (nominal pair: {price:.2f} s)\n"
+        f"{_point_source_text(system, paths[2:], beams.theta, x0)}\n\n{beams.plan.table(60)}"
     )
     return beams.plan, text
+
+
+def _point_source_text(
+    system: OpticalSystem, ghosts: Sequence[Path], theta: NDArray[np.float64], x0: NDArray[np.float64]
+) -> str:
+    """How point-source contrasts would be found, and which of them not over direction cosines, and why."""
+    with threadpool_limits(1):
+        other = without_directions(system, ghosts, theta, x0)
+    lines = [
+        f"point source: {len(ghosts) - len(other)} ghosts over direction cosines (over their own pupil where the "
+        f"fit leaves more than {CONTRAST_TOLERANCE:g}), {len(other)} over their own pupil"
+    ]
+    return "\n".join(lines + [f"  {label}: {reason}" for label, reason in other.items()])
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Every γ of every ghost with the nominal beam, all field points and bands: bounds, refusals, and what it takes.
 
-    uv run python validation/ghost_contrasts.py [--json] [--bands NIR VIS] [--fields N] [--every N] [--threads N]
+    uv run python -m validation.ghost_contrasts [--json] [--bands NIR VIS] [--fields N] [--every N] [--threads N]
                                                 [--tolerance T]
 
 One process, kernels compiled beforehand. Seconds are told apart: tracing the ghosts' rays, fitting their fields over
@@ -11,7 +11,6 @@ field: more rays, or the ghost's own pupil (docs/contrast.md). Finding paths and
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections import Counter
@@ -41,6 +40,7 @@ from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.rays.beams import Rays, nominal_direction, rays_from_direction
 from cgi_wave.rays.paths import Path, find_paths
+from cgi_wave.report.output import to_json
 from cgi_wave.wave.field import PupilField
 
 Array = NDArray[np.float64]
@@ -207,7 +207,7 @@ def main(words: Sequence[str] | None = None) -> None:
         print(line, file=sys.stderr, flush=True)
 
     result = study(given.bands, given.fields, given.every, given.threads, given.tolerance, say)
-    print(json.dumps(result, indent=1) if given.json else text(result))
+    print(to_json(result) if given.json else text(result))
 
 
 if __name__ == "__main__":

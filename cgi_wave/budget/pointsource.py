@@ -30,6 +30,8 @@ MORE_RAYS, BLURRED = 1600, 1e-2
 #: Error asked of a contrast in the ghost table: where that of the direction-space field is larger, the ghost's pupil is
 #: tried. A third of it each is asked of the fits and of the quadrature.
 CONTRAST_TOLERANCE, SHARE = 1e-6, 0.3
+#: Lit rays from which on their map to directions is looked at.
+FEWEST_FOR_MAP = 60
 #: Rays of a ghost's field that is good to that; how many more are tried, and up to which excess of the bound.
 FINE_RAYS, FINER_RAYS, NEARLY = 400, 800, 10.0
 #: Rays and misfit of the nominal field, which stands in every pair.
@@ -133,10 +135,27 @@ def field_of(
 ) -> PupilField:
     """The field of rays of one source direction, traced about x0 in the chart of ``bend``, if their map has one."""
     lit = (rays.clearance[:, 0] > 0).all(axis=0)
-    if lit.sum() >= 60:
+    if lit.sum() >= FEWEST_FOR_MAP:
         check_map(rays.pupil[0][lit], rays.u[0][lit], system.sigma0, path.label)
     samples = pupil_samples(rays, path, "direction", np.array([system.sigma0]), x0, bend)
     return fit_field(samples, target=target, degrees=degrees)
+
+
+def without_directions(system: OpticalSystem, paths: Sequence[Path], theta: Array, x0: Array) -> dict[str, str]:
+    """Labels of the ghosts whose rays have no field over direction cosines, with the reason: what a plan can say.
+
+    By the map of rays alone; of fits that turn out too coarse it knows nothing.
+    """
+    reasons: dict[str, str] = {}
+    for path in paths:
+        try:
+            rays = rays_from_direction(system, path, theta, x0, np.array([system.sigma0]))
+            lit = (rays.clearance[:, 0] > 0).all(axis=0)
+            if lit.sum() >= FEWEST_FOR_MAP:
+                check_map(rays.pupil[0][lit], rays.u[0][lit], system.sigma0, path.label)
+        except CgiWaveError as limit:
+            reasons[path.label] = str(limit).removeprefix(f"{path.label}: ")
+    return reasons
 
 
 def contrast_of(

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.errors import EmptyBeamError
+from cgi_wave.errors import EmptyBeamError, MethodLimitError
 from cgi_wave.kernels.trace import clearance_rows
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
@@ -65,12 +65,24 @@ class PupilRays:
 def rays_from_points(
     system: OpticalSystem, path: Path, theta: Array, x0: Array, sigma: float, points: Array
 ) -> PupilRays:
-    """Rays from pupil points (N, 2), m, of source direction theta (2,). Raises EmptyBeamError if all of them fail."""
+    """Rays from pupil points (N, 2), m, of source direction theta (2,).
+
+    Raises EmptyBeamError if all of them fail, MethodLimitError if rays pass every aperture and yet are no light (lines
+    carried backwards): no clearance tells where these end.
+    """
     sequence = compile_sequence(system, path, sigma)
     found = trace_with_derivatives(sequence, points, theta, "p")
     keep = found.traced.valid
     if not keep.any():
         raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, found.traced)}")
+    phantom = int((keep & (found.traced.clearance > 0.0) & ~found.traced.passes).sum())
+    if phantom:
+        raise MethodLimitError(
+            "rays over the pupil",
+            f"{path.label}: {phantom} of {len(points)} rays pass every aperture, but {trouble(sequence, found.traced)}",
+            phantom / len(points),
+            "give the aperture that stops them",
+        )
     traced, p = found.traced.some(keep), points[keep]
     q, opl = in_chart(traced, p, theta, x0, 0.0)
     pupil = 1.0 - (p**2).sum(axis=1) / system.pupil_radius**2
