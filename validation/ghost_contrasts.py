@@ -1,11 +1,11 @@
 """Every γ of every ghost with the nominal beam, all field points and bands: bounds, refusals, and what it takes.
 
     uv run python -m validation.ghost_contrasts [--json] [--bands NIR VIS] [--fields N] [--every N] [--threads N]
-                                                [--tolerance T]
+                                                [--tolerance T] [--charts BAND]
 
 One process, kernels compiled beforehand. Seconds are told apart: tracing the ghosts' rays, fitting their fields over
 direction cosines, the contrasts of these, and what remains, whose bounds exceed the tolerance or which have no such
-field: more rays, or the ghost's own pupil (docs/contrast.md). Finding paths and nominal fields is not counted.
+field: more rays, or the ghost's own pupil (docs/contrast.md). Finding paths and nominal fields is not counted. CPU seconds stand beside wall time, which other jobs stretch.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,9 +40,11 @@ from cgi_wave.budget.setting import band_setting
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.rays.beams import Rays, nominal_direction, rays_from_direction
+from cgi_wave.rays.charts import rays_from_points
 from cgi_wave.rays.paths import Path, find_paths
 from cgi_wave.report.output import to_json
 from cgi_wave.wave.field import PupilField
+from cgi_wave.wave.overpupil import contrast_over_pupil
 
 Array = NDArray[np.float64]
 STEPS = ("tracing", "fitting", "contrasts", "rest")
@@ -74,9 +77,10 @@ def study(
         progress(f"{name}: {found[-1]['pairs']} pairs, {sum(found[-1]['seconds'].values()):.1f} s")
     summed = ("pairs", "no_light", "refused", "above_tolerance", "over_the_pupil", "bent_charts")
     total: dict[str, Any] = {key: sum(row[key] for row in found) for key in summed}
-    total["seconds"] = {step: sum(row["seconds"][step] for row in found) for step in STEPS}
+    for kind in ("seconds", "cpu_seconds"):
+        total[kind] = {step: sum(row[kind][step] for row in found) for step in STEPS}
     total["seconds_all"] = sum(total["seconds"].values())
-    total["ms_per_contrast"] = 1e3 * total["seconds"]["contrasts"] / max(total["pairs"], 1)
+    total["cpu_ms_per_contrast"] = 1e3 * total["cpu_seconds"]["contrasts"] / max(total["pairs"], 1)
     return {"tolerance": tolerance, "threads": threads, **total, "bands": found}
 
 
@@ -89,12 +93,12 @@ def _band(
         places.append(Place(system, theta, x0, nominal_fields(system, nominal[0], theta, x0)))
         places[-1].nominal(0.0)
     _warm(places[0], ghosts, tolerance)
-    seconds, contrasts = dict.fromkeys(STEPS, 0.0), []
+    seconds, cpu, contrasts = dict.fromkeys(STEPS, 0.0), dict.fromkeys(STEPS, 0.0), []
     reasons: Counter[str] = Counter()
     dark = 0
     with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         for place in places:
-            done, empty = _place(place, ghosts, tolerance, pool, seconds)
+            done, empty = _place(place, ghosts, tolerance, pool, seconds, cpu)
             dark += empty
             for path, item in done:
                 if isinstance(item, Contrast):
@@ -116,6 +120,7 @@ def _band(
         "over_the_pupil": len(over),
         "bent_charts": sum("lens" in item.method for item in over),
         "seconds": seconds,
+        "cpu_seconds": cpu,
     }
 
 
@@ -130,15 +135,21 @@ def _warm(place: Place, ghosts: Sequence[Path], tolerance: float) -> None:
 
 
 def _place(
-    place: Place, ghosts: Sequence[Path], tolerance: float, pool: ThreadPoolExecutor, seconds: dict[str, float]
+    place: Place,
+    ghosts: Sequence[Path],
+    tolerance: float,
+    pool: ThreadPoolExecutor,
+    seconds: dict[str, float],
+    cpu: dict[str, float],
 ) -> tuple[list[tuple[Path, Contrast | str]], int]:
     """γ of every ghost, or why there is none; and how many do not arrive."""
     sigma = np.array([place.system.sigma0])
 
     def timed(step: str, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-        started = time.perf_counter()
+        started, used = time.perf_counter(), time.process_time()
         done = list(pool.map(work, items))
         seconds[step] += time.perf_counter() - started
+        cpu[step] += time.process_time() - used
         return done
 
     def trace(path: Path) -> Rays | None:
@@ -175,17 +186,46 @@ def _place(
     return done, len(ghosts) - len(arrived)
 
 
+def other_charts(name: str, every: int, bends: Sequence[float] = (-5.0, 5.0)) -> dict[str, Any]:
+    """By how much γ in bent charts, 1/m, differs from that over directions, as a share of |γ|, at the zone's centre.
+
+    Over the pupil in each; what differs is light diffracted at edges between aperture and detector.
+    """
+    system = load_instrument().band(name)
+    paths = select_ghosts(band_setting(system), find_paths(system))
+    x0 = system.field_points()[0]
+    theta = nominal_direction(system, paths[0], x0)
+    nominal = nominal_fields(system, paths[0], theta, x0)
+    shares = []
+    with threadpool_limits(1):
+        for path in paths[2::every]:
+            trace = partial(rays_from_points, system, path, theta, x0, system.sigma0)
+            try:
+                values = [
+                    contrast_over_pupil(
+                        trace, system.pupil_radius, nominal, system.sigma0, path.label, 1e-6, bend
+                    ).value
+                    for bend in (0.0, *bends)
+                ]
+            except CgiWaveError:
+                continue
+            shares += [abs(value / values[0] - 1.0) for value in values[1:] if values[0]]
+    low, middle, high = (float(value) for value in np.quantile(shares, (0.1, 0.5, 0.9)))
+    return {"band": name, "bends": list(bends), "count": len(shares), "10%": low, "median": middle, "90%": high}
+
+
 def text(result: dict[str, Any]) -> str:
     """The figures as lines."""
     columns = ("pairs", "no_light", "refused", "above_tolerance", "over_the_pupil", "bent_charts")
     names = ("pairs", "no light", "refused", f"> {result['tolerance']:g}", "over pupil", "bent chart")
-    lines = [f"{'band':12}" + "".join(f"{name:>12}" for name in (*names, *(f"{step} / s" for step in STEPS)))]
+    lines = [f"{'band':10}" + "".join(f"{name:>12}" for name in (*names, *(f"{step} / s" for step in STEPS)))]
     for row in (*result["bands"], {"band": "all", **result}):
         cells = [str(row[key]) for key in columns] + [f"{row['seconds'][step]:.2f}" for step in STEPS]
-        lines.append(f"{row['band']:12}" + "".join(f"{cell:>12}" for cell in cells))
+        lines.append(f"{row['band']:10}" + "".join(f"{cell:>12}" for cell in cells))
+    lines.append(f"{'CPU':10}" + " " * 72 + "".join(f"{result['cpu_seconds'][step]:>12.2f}" for step in STEPS))
     lines.append(
-        f"{result['threads']} threads, {result['seconds_all']:.1f} s in all; {result['ms_per_contrast']:.2f} ms of "
-        "wall time a contrast, given its field"
+        f"{result['threads']} threads, {result['seconds_all']:.1f} s in all; {result['cpu_ms_per_contrast']:.2f} ms of "
+        "CPU a contrast, given its field"
     )
     for row in result["bands"]:
         lines += [f"refused, {row['band']}: {reason}" for reason in row["refusals"]]
@@ -200,12 +240,16 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--every", type=int, default=1, help="one ghost in so many")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--tolerance", type=float, default=CONTRAST_TOLERANCE)
+    parser.add_argument("--charts", metavar="BAND", help="instead: what γ of one band is in charts bent by 5 1/m")
     parser.add_argument("--json", action="store_true", help="one JSON document on standard output")
     given = parser.parse_args(words)
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
+    if given.charts:
+        print(to_json(other_charts(given.charts, given.every)))
+        return
     result = study(given.bands, given.fields, given.every, given.threads, given.tolerance, say)
     print(to_json(result) if given.json else text(result))
 
