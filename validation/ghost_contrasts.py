@@ -5,7 +5,8 @@
 
 One process, kernels compiled beforehand. Seconds are told apart: tracing the ghosts' rays, fitting their fields over
 direction cosines, the contrasts of these, and what remains, whose bounds exceed the tolerance or which have no such
-field: more rays, or the ghost's own pupil (docs/contrast.md). Finding paths and nominal fields is not counted. CPU seconds stand beside wall time, which other jobs stretch.
+field: more rays, or the ghost's own pupil (docs/contrast.md). Finding paths and nominal fields is not counted. CPU
+seconds stand beside wall time, which other jobs stretch.
 """
 
 from __future__ import annotations

@@ -18,7 +18,14 @@ from chain_cases import (
     radial,
 )
 
-from cgi_wave.budget.pointsource import contrast_of, direction_field, fine_field, nominal_fields, point_source
+from cgi_wave.budget.pointsource import (
+    contrast_of,
+    direction_field,
+    fine_field,
+    nominal_fields,
+    point_source,
+    without_directions,
+)
 from cgi_wave.errors import CgiWaveError, FoldedFieldError, MethodLimitError
 from cgi_wave.rays.beams import nominal_direction, rays_to_point, spot
 from cgi_wave.rays.charts import rays_from_points
@@ -220,6 +227,8 @@ def test_crowded_and_collimated_ghosts_have_a_contrast(instrument, band, name, w
     theta = nominal_direction(system, found[0], x0)
     with pytest.raises((FoldedFieldError, MethodLimitError), match=why):
         direction_field(system, path, theta, x0)
+    told = without_directions(system, [found[0], path], theta, x0)  # by rays alone, before anything is fitted
+    assert ("Fresnel" not in why and not told) or (list(told) == [path.label] and why in told[path.label])
     here = contrast_of(system, path, theta, x0, nominal_fields(system, found[0], theta, x0))
     assert here.method.startswith("over the ghost's pupil")
     assert 1e-4 < abs(here.value) < 2e-3
