@@ -127,10 +127,16 @@ def _band(
 
 def _warm(place: Place, ghosts: Sequence[Path], tolerance: float) -> None:
     """Compile what will be timed: some ghosts, each both ways."""
-    for path in ghosts[:: max(1, len(ghosts) // 8)]:
-        for goal in (tolerance, 1e-12):
+    for path in ghosts[:: max(1, len(ghosts) // 6)]:
+        trace = partial(rays_from_points, place.system, path, place.theta, place.x0, place.system.sigma0)
+        for both in (
+            lambda path=path: contrast_of(place.system, path, place.theta, place.x0, place.nominal, tolerance),
+            lambda path=path, trace=trace: contrast_over_pupil(
+                trace, place.system.pupil_radius, place.nominal, place.system.sigma0, path.label, 1e-4
+            ),
+        ):
             try:
-                contrast_of(place.system, path, place.theta, place.x0, place.nominal, max(goal, 1e-9))
+                both()
             except CgiWaveError:
                 continue
 

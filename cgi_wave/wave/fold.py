@@ -37,13 +37,13 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
         raise FoldedFieldError(
             f"{label}: Fresnel number {fresnel.min():.3g} of the map to direction cosines is "
             f"{COLLAPSE_LIMIT / max(fresnel.min(), 1e-300):.3g} times below {COLLAPSE_LIMIT:g} (collimated at the "
-            "detector); use the position-space field"
+            "detector); take γ over the pupil (wave.overpupil)"
         )
     if np.any(det * det[0] <= 0.0):
         share = min(np.mean(det > 0.0), np.mean(det <= 0.0))
         raise FoldedFieldError(
             f"{label}: det ∂q/∂p changes sign over the pupil ({share:.1%} of the rays lie beyond the fold); "
-            "use the position-space field"
+            "take γ over the pupil (wave.overpupil)"
         )
     misfit = float(np.abs(fit.misfit()).max() / max(float(np.ptp(q, axis=0).max()), 1e-300))
     if misfit > 0.01:
@@ -51,6 +51,6 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
             _METHOD,
             f"{label}: the map is described to {misfit:.2g} of its range (limit 0.01)",
             misfit / 0.01,
-            "trace more rays, or use the position-space field",
+            "trace more rays, or take γ over the pupil (wave.overpupil)",
         )
     return det
