@@ -122,10 +122,7 @@ def frame(
     watch.lap("frames")
     errors = errors_of(ready)
     uniform = np.sum([layer.pattern[0] for layer in ready.layers], axis=0)
-    dark = dead_rows(traced)
-    lit = np.ones(len(uniform), bool)
-    for first, last in dark:
-        lit[first:last] = False
+    dark, lit = dead_rows(traced), lit_rows(traced)
     contrast = _fringe_contrast(uniform[lit], ready.phase[lit])
     return Frame(
         band, ready.zone.x_m, ready.zone.y_m, traced.rows, traced.columns, taken, nominal,
@@ -240,11 +237,17 @@ def errors_of(ready: Ready) -> dict[str, float]:
     }
 
 
+def lit_rows(field: FringeField) -> NDArray[np.bool_]:
+    """(R,) rows of the zone in which no arm is shaded."""
+    lit = np.ones(len(field.y_pixels), bool)
+    for shadow in field.shadows:
+        lit &= shadow.passed(field.y_pixels) >= 1.0
+    return lit
+
+
 def dead_rows(field: FringeField) -> tuple[tuple[int, int], ...]:
     """First and last + 1 row of the zone, counted from its first, in which an arm is shaded."""
-    shaded = np.zeros(len(field.y_pixels), bool)
-    for shadow in field.shadows:
-        shaded |= shadow.passed(field.y_pixels) < 1.0
+    shaded = ~lit_rows(field)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], shaded.astype(int), [0]])))
     return tuple((int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True))
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave import DEFAULT_TOLERANCE
-from cgi_wave.frames import Progress, Ready, Stopwatch, errors_of, field_of, ready_for
+from cgi_wave.frames import Progress, Ready, Stopwatch, errors_of, field_of, lit_rows, ready_for
 from cgi_wave.fringes.beams_on_scene import LayerPlan
 from cgi_wave.fringes.detector import Detector
 from cgi_wave.fringes.field import FringeField
@@ -149,14 +149,17 @@ def scroll(
 def _fit_of(ready: Ready, plan: Tdi | None, moves: Motion) -> tuple[Window, Motion]:
     """The window of the fit and the motion of what it is fed with: frames, or means over TDI rows.
 
-    A mean stands on the first of its rows, in frames as long as the others, with the phase of the mean OPD.
+    A mean stands on the first of its rows, in frames as long as the others, with the phase of the mean OPD. Rows in
+    dead zones, and means that one of them is in, take no part.
     """
+    lit = lit_rows(ready.field)
     if plan is None:
-        return window(ready.phase), moves
+        return window(ready.phase, lit=lit), moves
     low = np.floor(plan.mean_row).astype(int)
     high = np.minimum(low + 1, len(ready.phase) - 1)
     part = (plan.mean_row - low)[:, None]
-    fit = window((1.0 - part) * ready.phase[low] + part * ready.phase[high])
+    bright = lit[plan.first[:, None] + plan.offsets[None, :]].all(axis=1)
+    fit = window((1.0 - part) * ready.phase[low] + part * ready.phase[high], lit=bright)
     return replace(fit, rows=plan.first[fit.rows]), Motion(moves.rows[int(plan.offsets[-1]) :], moves.step)
 
 

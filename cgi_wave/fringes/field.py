@@ -76,6 +76,26 @@ class SceneView:
 
 
 @dataclass(frozen=True)
+class NominalPsf:
+    """The nominal point-spread function over a zone: weights of ground cells for a pixel, at the detector's pitch.
+
+    x_m (X,), y_m (Y,) : Chebyshev nodes over the zone, m; kernel (Y, X, h, w) : [Y, X] about the ray through the
+    pupil's centre, sizes odd, sum 1; cells and pixels are both averaged over
+    check_m (N, 2) : traced points (x, y) between the nodes, m; check (N, h, w) : the kernels there
+    outside : largest share of the light beyond the kernel's window, which the kernel spreads within it
+    arms : largest Σ|difference| between the nominal beams' kernels, fringes included, and this one
+    """
+
+    x_m: Array
+    y_m: Array
+    kernel: Array
+    check_m: Array
+    check: Array
+    outside: float
+    arms: float
+
+
+@dataclass(frozen=True)
 class FringeField:
     """All beams of one band over one zone of the detector. labels[0] and labels[1] are the nominal beams.
 
@@ -86,6 +106,7 @@ class FringeField:
     transmission_interpolation : largest misfit of the sum of ghost powers at the traced points between the nodes
     sigma0 : 1/m, wavenumber of the carrier; views : one per family of ghosts
     left_out, left_out_baseline : largest over the nodes of what was not computed, relative to M (see ``psi``)
+    psf : of the nominal beams; None: they image the scene sharply
     """
 
     band: str
@@ -108,6 +129,7 @@ class FringeField:
     views: tuple[SceneView, ...]
     left_out: float
     left_out_baseline: float
+    psf: NominalPsf | None = None
 
     @property
     def x_pixels(self) -> Array:

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
-from cgi_wave.fringes.field import FieldPair, FringeField, SceneView, Shadow
+from cgi_wave.fringes.field import FieldPair, FringeField, NominalPsf, SceneView, Shadow
 
 Array = NDArray[np.float64]
 TITLE = "fringe field"
 #: Of the layout below; a file of another one is refused.
-LAYOUT = 1
+LAYOUT = 2
 
 
 def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | float] | None = None) -> None:
@@ -66,6 +66,17 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
             "shadow_y": ("shadow", np.array([s.y_m for s in dead]), {"units": "m"}),
             "shadow_half_width": ("shadow", np.array([s.half_width_m for s in dead]), {"units": "m"}),
         }
+    if field.psf is not None:
+        kernel = {"units": "1", "long_name": "share of the light from a ground cell"}
+        variables |= {
+            "psf_x": ("psf_column", field.psf.x_m, {"units": "m"}),
+            "psf_y": ("psf_row", field.psf.y_m, {"units": "m"}),
+            "psf": (("psf_row", "psf_column", "cell_y", "cell_x"), field.psf.kernel, kernel),
+            "psf_check_place": (("psf_check", "axis"), field.psf.check_m, {"units": "m"}),
+            "psf_check_kernel": (("psf_check", "cell_y", "cell_x"), field.psf.check, kernel),
+            "psf_limits": ("limit", np.array([field.psf.outside, field.psf.arms]),
+                           {"units": "1", "long_name": "light outside the window; difference between the beams"}),
+        }  # fmt: skip
     data = xarray.Dataset(
         variables,
         coords={"y": ("y", field.y_m, {"units": "m"}), "x": ("x", field.x_m, {"units": "m"})},
@@ -78,8 +89,8 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
     )  # fmt: skip
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     try:
-        packed = {name: {"zlib": True, "complevel": 1} for name in ("gamma_re", "gamma_im", "opd", "kernel")
-                  if name in variables}  # fmt: skip
+        large = ("gamma_re", "gamma_im", "opd", "kernel", "psf", "psf_check_kernel")
+        packed = {name: {"zlib": True, "complevel": 1} for name in large if name in variables}
         data.to_netcdf(temporary, engine="h5netcdf", encoding=packed)
         os.replace(temporary, path)
     except OSError as error:
@@ -122,7 +133,16 @@ def load_field(path: str | Path, expected: Mapping[str, str | float] | None = No
             for arm, y, width in zip(*(get.get(f"shadow_{n}", ()) for n in ("arm", "y", "half_width")), strict=True)
         ),
         views=_views(get), left_out=float(attrs["left_out"]), left_out_baseline=float(attrs["left_out_baseline"]),
+        psf=_psf(get),
     )  # fmt: skip
+
+
+def _psf(get: Mapping[str, NDArray[Any]]) -> NominalPsf | None:
+    if "psf" not in get:
+        return None
+    outside, arms = get["psf_limits"].tolist()
+    return NominalPsf(get["psf_x"], get["psf_y"], get["psf"], get["psf_check_place"], get["psf_check_kernel"], outside,
+                      arms)  # fmt: skip
 
 
 def _two(values: Sequence[int]) -> tuple[int, int]:
