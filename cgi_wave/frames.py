@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fringefield import zone_of, zone_rows_lit
-from cgi_wave.budget.scenes import band_scene
+from cgi_wave.budget.scenes import NAMES, band_scene
 from cgi_wave.budget.setting import filter_of
 from cgi_wave.errors import InputError
 from cgi_wave.fields import fringe_field
 from cgi_wave.fringes.beams_on_scene import Beams, LayerPlan, prepare
+from cgi_wave.fringes.edge import edge_error
 from cgi_wave.fringes.field import FringeField, Shadow, at_sigma
 from cgi_wave.fringes.field_file import load_field, save_field
 from cgi_wave.fringes.layer import Zone
+from cgi_wave.fringes.nominal_image import NominalImage, nominal_image
 from cgi_wave.fringes.pattern import Layer, fringe_patterns
 from cgi_wave.fringes.subfield import with_families
 from cgi_wave.optics.system import Instrument, OpticalSystem, load_instrument
@@ -32,7 +34,7 @@ Real = NDArray[np.floating]
 Progress = Callable[[str], None]
 #: Largest error that the choices for images add to a frame, relative irradiance times the scene's largest value.
 IMAGES = 1e-6
-#: Pixels beyond the zone up to which an embedded scene goes on, where ghosts look; beyond, its edge does.
+#: Pixels beyond the zone up to which a scene that needs no file goes on, where beams look; beyond, its edge does.
 WIDEST_MARGIN = 256
 
 
@@ -40,7 +42,8 @@ WIDEST_MARGIN = 256
 class Ready:
     """All that frames of a band need. layers and beams with ghosts, nominal_layers and nominal_beams without.
 
-    scene : placed on the zone; phase (R, X) : rad, 2πσ0 times the nominal OPD
+    scene : placed on the zone; phase (R, X) : rad, 2πσ0 times the nominal OPD; image : the scene through the nominal
+    PSF, None if the field has none; edge : bound of what lies beyond the scene, see ``errors_of``
     """
 
     instrument: Instrument
@@ -53,6 +56,8 @@ class Ready:
     beams: Beams
     nominal_layers: tuple[Layer, ...]
     nominal_beams: Beams
+    image: NominalImage | None
+    edge: float
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,7 @@ def frame(
     loaded = load_instrument(instrument)
     traced = field_of(loaded, band, instrument, tolerance, field, scene, shift, progress)
     watch.lap("field")
-    ready = ready_for(loaded, traced, scene, shift, ghosts, "float64", progress, watch)
+    ready = ready_for(loaded, traced, scene, shift, ghosts, "float64", progress, watch, shift % 1.0 != 0.0)
     taken, nominal = ready.beams.frame(shift), ready.nominal_beams.frame(shift)
     watch.lap("frames")
     errors = errors_of(ready)
@@ -185,12 +190,13 @@ def field_of(
 
 def ready_for(
     loaded: Instrument, field: FringeField, scene: str | Path | Scene, reach: float, ghosts: bool,
-    precision: Literal["float32", "float64"], progress: Progress, watch: Stopwatch,
+    precision: Literal["float32", "float64"], progress: Progress, watch: Stopwatch, fractions: bool = True,
 ) -> Ready:  # fmt: skip
-    """Scene, patterns and images. reach : rows by which the ground will have moved at most. Raises InputError."""
+    """Scene, patterns and images. reach : rows by which the ground will have moved at most; fractions : whether it will
+    stop between rows. Raises InputError."""
     system = loaded.band(field.band)
     progress(f"{field.band}: scene")
-    placed = _placed(system, field.zone, scene, reach, _margin(field) if ghosts and scene == "landsat" else 0)
+    placed = _placed(system, field.zone, scene, reach, _margin(field, ghosts) if scene in NAMES else 0)
     band_filter = filter_of(system)
     weights = band_filter.transmission(placed.sigma) * placed.shapes
     watch.lap("scene")
@@ -201,11 +207,22 @@ def ready_for(
     at_y, at_x = field.to(field.y_pixels, field.x_pixels)
     phase = 2.0 * np.pi * field.sigma0 * (at_y @ at_sigma(field.nominal, field.sigma0)[1] @ at_x)
     zone = zone_on(field, placed, phase)
+    image = None
+    if field.psf is not None:
+        progress(f"{field.band}: nominal image")
+        own = np.dtype(precision).type
+        image = nominal_image(field.psf, field.zone, zone, placed.maps, IMAGES, own)
+        watch.lap("nominal image")
     progress(f"{field.band}: images of {len(layers)} layers")
-    beams = prepare(layers, placed.maps, zone, tolerance=IMAGES, precision=precision)
-    bare = prepare(nominal, placed.maps, zone, tolerance=IMAGES, precision=precision) if ghosts else beams
+
+    def made(of: tuple[Layer, ...]) -> Beams:
+        return prepare(of, placed.maps, zone, tolerance=IMAGES, precision=precision, nominal=image, fractions=fractions)
+
+    beams = made(layers)
+    bare = made(nominal) if ghosts else beams
     watch.lap("images")
-    return Ready(loaded, field, placed, band_filter, zone, phase, layers, beams, nominal, bare)
+    edge = edge_error(layers, field.psf, placed.maps, zone, reach)
+    return Ready(loaded, field, placed, band_filter, zone, phase, layers, beams, nominal, bare, image, edge)
 
 
 def zone_on(field: FringeField, scene: Scene, phase: Array) -> Zone:
@@ -219,7 +236,9 @@ def errors_of(ready: Ready) -> dict[str, float]:
     """Parts of the error of a frame, relative irradiance, at the scene's brightest pixel; see ``pattern.Layer``.
 
     not_computed : what tracing left out, times the largest nominal modulation; images : choices for blurs and maps;
-    scene : what the low-rank form of the scene leaves
+    scene : what the low-rank form of the scene leaves; edge : what ghosts and the nominal PSF see beyond the scene,
+    where its edge goes on: the kernels' weight there times the scene's range
+    psf_between, psf_window, psf_arms : of the nominal PSF between traced points, beyond its window, and by beam
     """
     bright = float(ready.scene.maps[0].max())
     nominal = ready.nominal_layers[0].pattern[0]
@@ -230,11 +249,22 @@ def errors_of(ready: Ready) -> dict[str, float]:
     }
     field = ready.field if len(ready.field.labels) > 2 else None
     missed = 0.0 if field is None or ready.layers is ready.nominal_layers else field.left_out + field.left_out_baseline
-    return parts | {
-        "not_computed": bright * modulation * missed,
-        "images": ready.beams.error,
-        "scene": ready.scene.rank_residual * bright * float(np.abs(nominal).max()),
-    }
+    return (
+        parts
+        | {
+            "not_computed": bright * modulation * missed,
+            "images": ready.beams.error,
+            "scene": ready.scene.rank_residual * bright * float(np.abs(nominal).max()),
+            "edge": ready.edge,
+        }
+        | _psf_errors(ready.image, float(np.abs(nominal).max()))
+    )
+
+
+def _psf_errors(image: NominalImage | None, most: float) -> dict[str, float]:
+    if image is None:
+        return {}
+    return {"psf_between": most * image.between, "psf_window": most * image.window, "psf_arms": most * image.arms}
 
 
 def lit_rows(field: FringeField) -> NDArray[np.bool_]:
@@ -260,12 +290,12 @@ def _placed(
     return band_scene(system, scene, 2, reach, margin, zone=zone)
 
 
-def _margin(field: FringeField) -> int:
-    """Pixels beyond the zone that ghosts look at, on the side where they look farthest, at most WIDEST_MARGIN."""
+def _margin(field: FringeField, ghosts: bool) -> int:
+    """Pixels beyond the zone that beams look at, on the side where they look farthest, at most WIDEST_MARGIN."""
     x0, x1, y0, y1 = field.zone
     corners = np.array([(x, y, 1.0) for x in (x0, x1) for y in (y0, y1)])
-    most = 0.0
-    for view in field.views:
+    most = 0.0 if field.psf is None else 0.5 * max(field.psf.kernel.shape[2:])
+    for view in field.views if ghosts else ():
         low, high = (pick(corners @ view.affine.T, axis=0) / field.pixel_m for pick in (np.min, np.max))
         half = np.array(view.kernel.shape[::-1]) // 2
         beyond = [np.array([x0, y0]) / field.pixel_m - low + half, high + half - np.array([x1, y1]) / field.pixel_m]

@@ -114,7 +114,8 @@ def scroll(
     low = float(moves.rows.min())
     if low < 0.0:  # the scene begins where the first row looks
         moves = Motion(moves.rows + np.ceil(-low), moves.step)
-    ready = ready_for(loaded, traced, scene, float(moves.rows.max()), True, "float32", progress, watch)
+    fractions = bool(np.any(moves.rows != np.rint(moves.rows)))
+    ready = ready_for(loaded, traced, scene, float(moves.rows.max()), True, "float32", progress, watch, fractions)
     middle = ready.phase[:, ready.phase.shape[1] // 2]
     per_fringe = 2.0 * np.pi * (len(middle) - 1) / abs(float(middle[-1] - middle[0]))
     plan = plan_tdi(len(middle), tdi, per_fringe, moves) if tdi != 1 else None

@@ -57,7 +57,8 @@ def directions_to_pixels(system: OpticalSystem, nominal: Path, x0: Array) -> tup
         for unit in np.eye(2)
     ]
     to_direction = np.array(around).T / (2.0 * STEP)
-    return nominal_direction(system, nominal, x0), np.linalg.inv(to_direction) / system.pixel
+    to_pixels = np.asarray(np.linalg.inv(to_direction) / system.pixel, np.float64)
+    return nominal_direction(system, nominal, x0), to_pixels
 
 
 def point_psf(setting: Setting, nominal: Sequence[Path], x0: Array) -> PointPsf:

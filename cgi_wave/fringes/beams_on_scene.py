@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError
 from cgi_wave.fringes import blur, smooth
 from cgi_wave.fringes.layer import Zone
+from cgi_wave.fringes.nominal_image import NominalImage
 from cgi_wave.fringes.pattern import Layer
 from cgi_wave.kernels import frames as kernels
 
@@ -195,12 +196,15 @@ def prepare(
     tile: bool = False,
     interpolation: Interpolation = "area",
     precision: Literal["float32", "float64"] = "float32",
+    nominal: NominalImage | None = None,
+    fractions: bool = True,
 ) -> Beams:
     """Get layers and scene ready for frames.
 
     layers : the nominal one first; maps (C, H, W) : the scene, relative radiance per mode, [Y, X] at the zone's
     pitch; tolerance : largest error that the choices for all ghosts together may add, relative irradiance times the
-    scene's largest value; tile : along track the scene repeats; interpolation : see the module.
+    scene's largest value; tile : along track the scene repeats; interpolation : see the module; nominal : what the
+    first layer sees, on the zone's columns (None: the maps as they are); fractions : whether it is read between rows.
 
     Ghosts that look beyond the scene see its edge go on. The nominal beam may not.
 
@@ -223,6 +227,15 @@ def prepare(
         else None
     )
     for number, layer in enumerate(layers):
+        if number == 0 and nominal is not None:
+            for k, (image, along) in enumerate(zip(nominal.maps, nominal.along, strict=True)):
+                pattern = np.ascontiguousarray(layer.pattern * along[None, :, None], dtype=dtype)
+                rows = zone.row + np.arange(zone.shape[0], dtype=np.float64)
+                sharp.append(Sharp(layer.name, pattern, image.astype(dtype, copy=False), rows, 4, 0, k == 0))
+            between = _reading(nominal.maps[0], 4) if fractions or zone.row % 1.0 else 0.0
+            error = (float(np.abs(layer.pattern).max()) or 1.0) * (nominal.error + between)
+            plans.append(LayerPlan(layer.name, "sharp", nominal.blur, 1, error))
+            continue
         affine = IDENTITY if layer.view is None else layer.view.affine
         kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
         weight = float(np.abs(layer.pattern).max()) or 1.0

@@ -22,8 +22,9 @@ from cgi_wave.wave.basis import Array
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.psf import Psf, psf
 
-#: Points per shortest period of |H|²: at 1 a sum over points is the integral, and one over every second point too.
-OVERSAMPLING = 1.0
+#: Points per shortest period of |H|². At 1 a sum over points is the integral; the sum over every second one, which
+#: ``cell_kernel`` takes too, is it nearly at 1.5.
+OVERSAMPLING = 1.5
 
 
 def about_direction(field: PupilField, theta: Array) -> PupilField:
