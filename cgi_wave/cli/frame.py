@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -22,6 +23,7 @@ from cgi_wave.cli.shared import (
 from cgi_wave.errors import InputError
 
 if TYPE_CHECKING:
+    from cgi_wave.fringes.detector import Detector
     from cgi_wave.scrolling import Scrolled
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -104,17 +106,27 @@ def frame(
 @click.option("--tdi", type=int, default=1, show_default=True, metavar="N", help="Rows added, P/4 at most.")
 @click.option("--noise", type=float, metavar="ELECTRONS", help="Shot noise: electrons at relative irradiance 1.")
 @click.option("--read", "read", type=float, default=0.0, show_default=True, metavar="ELECTRONS", help="Read noise.")
+@click.option(
+    "--shot",
+    type=click.Choice(["poisson", "gaussian", "none"]),
+    default="poisson",
+    show_default=True,
+    help="How the light's own noise is drawn.",
+)
+@click.option("--full-well", type=float, metavar="ELECTRONS", help="Where a pixel saturates.")
+@click.option("--bits", type=int, metavar="N", help="Of the converter; its last step is the full well.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Of noise and jitter.")
 @click.option("--out", metavar="FILE.nc", help="Write the maps as NetCDF.")
 @click.option("--frames-out", metavar="FILE.nc", help="Write every frame as NetCDF.")
-@click.option("--movie", metavar="FILE.gif", help="Write the scroll as an animated GIF.")
+@click.option("--movie", metavar="FILE", help="Write the scroll as an animated .gif, or as .mp4 (needs ffmpeg).")
 @_scene_options
 @tolerance_option
 @instrument_option
 @json_option
 def scroll(
     band: str, frames: int | None, step: float, jitter: float, attitude: str, tdi: int, noise: float | None,
-    read: float, seed: int, out: str | None, frames_out: str | None, movie: str | None, scene: str, field: str | None,
+    read: float, shot: str, full_well: float | None, bits: int | None, seed: int, out: str | None,
+    frames_out: str | None, movie: str | None, scene: str, field: str | None,
     pictures: str | None, tolerance: float, instrument: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Scroll a scene past BAND, and retrieve M, B and NMA of the ground.
@@ -128,13 +140,18 @@ def scroll(
     for name, value in (("--out", out), ("--frames-out", frames_out)):
         if value:
             frame_file.check_netcdf(value, name)
-    if movie and Path(movie).suffix.lower() != ".gif":
-        raise InputError("command line", "--movie", movie, "is not a format for movies", "end the file's name in .gif")
-    if read and noise is None:
-        raise InputError("command line", "--read", read, "stands without --noise", "give the electrons as well")
+    if movie:
+        from cgi_wave.report.movies import check_movie
+
+        check_movie(movie, "--movie")
+    for name, given in (("--read", read or None), ("--full-well", full_well), ("--bits", bits)):
+        if given is not None and noise is None:
+            raise InputError("command line", name, given, "stands without --noise", "give the electrons as well")
+    detector = _detector(noise, read, full_well, bits, shot)
     amplitude, period = _attitude(attitude)
     options = {"band": band, "scene": scene, "frames": frames, "step": step, "jitter": jitter, "attitude": attitude,
-               "tdi": tdi, "noise": noise, "read": read, "seed": seed, "field": field, "tolerance": tolerance,
+               "tdi": tdi, "noise": noise, "read": read, "shot": shot, "full_well": full_well, "bits": bits,
+               "seed": seed, "field": field, "tolerance": tolerance,
                "instrument": instrument}  # fmt: skip
     with ExitStack() as stack:
         target = stack.enter_context(output.whole_file(out)) if out else None
@@ -143,12 +160,10 @@ def scroll(
         sequence = stack.enter_context(output.whole_file(frames_out, "--frames-out")) if frames_out else None
         with computing():
             from cgi_wave import scrolling
-            from cgi_wave.fringes.detector import Detector
             from cgi_wave.optics.system import load_instrument
 
             loaded = load_instrument(instrument)
             made = output.provenance(loaded.name, loaded.hash, options)
-            detector = None if noise is None else Detector(noise, read)
             with ExitStack() as writing:
                 sink = writing.enter_context(frame_file.frames_file(sequence, made)) if sequence else None
                 found = scrolling.scroll(
@@ -162,9 +177,9 @@ def scroll(
             if folder:
                 _pictures(folder, found)
             if film:
-                from cgi_wave.report import frame_plots
+                from cgi_wave.report import movies
 
-                frame_plots.write_movie(film, found)
+                movies.write_movie(film, found)
     figures = frame_file.scroll_figures(found)
     if as_json:
         click.echo(output.to_json({**figures, "out": out, "frames_out": frames_out, "provenance": made}))
@@ -189,6 +204,16 @@ COMMANDS = (frame, scroll)
 def _check(band: str, tolerance: float, instrument: str | None) -> None:
     check_tolerance(tolerance)
     check_bands([band], instrument)
+
+
+def _detector(
+    noise: float | None, read: float, full_well: float | None, bits: int | None, shot: str
+) -> Detector | None:
+    if noise is None:
+        return None
+    from cgi_wave.fringes.detector import Detector
+
+    return Detector(noise, read, math.inf if full_well is None else full_well, bits, cast(Any, shot))
 
 
 def _attitude(text: str) -> tuple[float, float]:

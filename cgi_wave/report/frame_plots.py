@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,30 +104,6 @@ def plot_waterfall(result: Scrolled, ax: Axes | None = None, shown: int = 6) -> 
     ax.set_ylim(0, height)
     ax.set_axis_off()
     return ax
-
-
-def write_movie(path: Path, result: Scrolled) -> None:
-    """The kept frames as an animated GIF."""
-    from matplotlib.animation import FuncAnimation, PillowWriter
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    height, width = result.stills.shape[1:]
-    figure = Figure(figsize=(width / 80.0 + 0.2, height / 80.0 + 0.4), dpi=80)
-    FigureCanvasAgg(figure)
-    ax = figure.add_axes((0.0, 0.0, 1.0, 0.9))
-    ax.set_axis_off()
-    image = ax.imshow(result.stills[0], origin="lower", cmap="gray", vmin=float(result.stills.min()),
-                      vmax=float(result.stills.max()), interpolation="nearest")  # fmt: skip
-    title = ax.set_title("", fontsize="small")
-
-    def draw(k: int) -> list[object]:
-        image.set_data(result.stills[k])
-        title.set_text(f"frame {result.still_frames[k]}")
-        return [image, title]
-
-    moving = FuncAnimation(figure, draw, frames=len(result.stills), blit=False)  # type: ignore[arg-type]
-    moving.save(str(path), writer=PillowWriter(fps=8))
 
 
 def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:

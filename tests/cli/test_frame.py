@@ -2,6 +2,8 @@
 
 import importlib.util
 import json
+import re
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -138,6 +140,40 @@ def test_scroll_writes_its_pictures_and_a_movie(call, tmp_path):
     assert (tmp_path / "m.gif").read_bytes().startswith(b"GIF89a")
 
 
+def test_an_mp4_goes_through_ffmpeg_and_is_refused_by_name_without_it(call, tmp_path, monkeypatch):
+    """In the place of ffmpeg a program that keeps the raw pictures: all of one size, as many as there are stills."""
+    words = ["scroll", "--scene", "quadrants", "--frames", "40", "--movie", "m.mp4"]
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    code, out, err = call(*words)
+    assert (code, out) == (2, "") and all(word in err for word in ("--movie", "m.mp4", "install ffmpeg", ".gif"))
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "bin").mkdir()
+    program = tmp_path / "bin" / "ffmpeg"
+    keep = "import sys; open(sys.argv[-1], 'wb').write(' '.join(sys.argv).encode() + b'|' + sys.stdin.buffer.read())"
+    program.write_text(f"#!{sys.executable}\n{keep}\n")
+    program.chmod(0o755)
+    code, _, err = call(*words)
+    assert code == 0, err
+    said, _, pictures = (tmp_path / "m.mp4").read_bytes().partition(b"|")
+    width, height = map(int, re.search(rb"-s (\d+)x(\d+)", said).groups())
+    assert width % 2 == height % 2 == 0  # what H.264 can code
+    assert len(pictures) == 24 * width * height * 4
+
+
+def test_bits_and_full_well_limit_what_is_recorded(call, tmp_path):
+    """Counts are whole steps of the full well; light beyond it is cut off, and pixels counted."""
+    words = ["--scene", "uniform", "--frames", "40", "--noise", "1e5", "--shot", "none", "--full-well", "4e4", "--json"]
+    code, out, err = call("scroll", *words, "--bits", "6", "--frames-out", "frames.nc")
+    assert code == 0, err
+    with xarray.open_dataset(tmp_path / "frames.nc", engine="h5netcdf") as data:
+        counts = data.frames.to_numpy().astype(float) * 1e5 / (4e4 / 63)
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-4)
+    assert counts.max() == pytest.approx(63.0, rel=1e-6)
+    figures = json.loads(out)
+    assert 0 < figures["saturated"] <= int((np.rint(counts) == 63).sum())  # the last step begins half of it earlier
+    assert json.loads(call("scroll", *words, "--bits", "16")[1])["saturated"] == figures["saturated"]
+
+
 def test_parts_of_a_point_are_those_of_its_frames(call, tmp_path):
     """Nominal and parasitic part, pixel by pixel, as the frames have them; families add up to what ghosts add."""
     found = cgi_wave.scroll("NIR", "quadrants", 40, field=call.field)
@@ -171,7 +207,11 @@ def test_parts_of_a_point_are_those_of_its_frames(call, tmp_path):
         (["scroll", "--step", "-1"], ["step", "-1.0"]),
         (["scroll", "--attitude", "3"], ["--attitude", "0.3,120"]),
         (["scroll", "--read", "3"], ["--read", "--noise"]),
-        (["scroll", "--movie", "movie.mp4"], ["--movie", ".gif"]),
+        (["scroll", "--movie", "movie.avi"], ["--movie", "movie.avi", ".gif", ".mp4"]),
+        (["scroll", "--bits", "12"], ["--bits", "12", "--noise"]),
+        (["scroll", "--full-well", "1e5"], ["--full-well", "--noise"]),
+        (["scroll", "--noise", "1e5", "--bits", "12"], ["bits", "12", "full well"]),
+        (["scroll", "--noise", "1e5", "--full-well", "-3"], ["full_well", "-3.0"]),
         (["scroll", "--frames-out", "frames.npy"], ["--frames-out", ".nc"]),
     ],
 )

@@ -67,7 +67,7 @@ def test_a_point_gives_the_kernel_back():
 
 
 def test_every_pixel_has_the_kernel_of_its_place():
-    """A kernel that varies over the zone, by its definition, while the ground scrolls; rows and columns in their sense."""
+    """A kernel that varies over the zone, by its definition, while the ground scrolls; rows and columns as they are."""
     z = placed()
     maps = scene(ROWS + 2 * PAD + 6, COLUMNS + 2 * PAD, modes=2)
     pattern = scene(ROWS, COLUMNS, 7, modes=2)
