@@ -32,6 +32,8 @@ from cgi_wave.scene.ground import Scene, on_zone
 Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 Progress = Callable[[str], None]
+#: x0, x1, y0, y1 of the pixels' outer edges, m.
+ZoneEdges = tuple[float, float, float, float]
 #: Largest error that the choices for images add to a frame, relative irradiance times the scene's largest value.
 IMAGES = 1e-6
 #: Pixels beyond the zone up to which a scene that needs no file goes on, where beams look; beyond, its edge does.
@@ -122,7 +124,16 @@ def frame(
     loaded = load_instrument(instrument)
     traced = field_of(loaded, band, instrument, tolerance, field, scene, shift, progress)
     watch.lap("field")
-    ready = ready_for(loaded, traced, scene, shift, ghosts, "float64", progress, watch, shift % 1.0 != 0.0)
+    return framed(loaded, traced, scene, shift, ghosts, progress, watch)
+
+
+def framed(
+    loaded: Instrument, traced: FringeField, scene: str | Path | Scene, shift: float, ghosts: bool, progress: Progress,
+    watch: Stopwatch, across: ZoneEdges | None = None,
+) -> Frame:  # fmt: skip
+    """The frame of a fringe field; arguments as of ``frame``. across : what the scene is placed on, if not the zone."""
+    between = shift % 1.0 != 0.0
+    ready = ready_for(loaded, traced, scene, shift, ghosts, "float64", progress, watch, between, across)
     taken, nominal = ready.beams.frame(shift), ready.nominal_beams.frame(shift)
     watch.lap("frames")
     errors = errors_of(ready)
@@ -130,7 +141,7 @@ def frame(
     dark, lit = dead_rows(traced), lit_rows(traced)
     contrast = _fringe_contrast(uniform[lit], ready.phase[lit])
     return Frame(
-        band, ready.zone.x_m, ready.zone.y_m, traced.rows, traced.columns, taken, nominal,
+        traced.band, ready.zone.x_m, ready.zone.y_m, traced.rows, traced.columns, taken, nominal,
         ready.phase / (2.0 * np.pi * traced.sigma0), traced.sigma0, float(taken.mean()),
         float(taken.std() / taken.mean()), contrast, sum(errors.values()), errors,
         tuple(layer.name for layer in ready.layers), ready.beams.plans, traced.shadows,
@@ -181,7 +192,7 @@ def field_of(
         raise InputError(str(field), "file", Path(field).name, "its folder does not exist", "create the folder first")
     if scene != "landsat":
         zone, _ = zone_of(system, zone_rows_lit(loaded, system)[0])
-        _placed(system, zone, scene, reach, 0)
+        place_scene(system, zone, scene, reach)
     traced = fringe_field(band, instrument, tolerance, progress=progress).field
     if field is not None:
         save_field(traced, field, made)
@@ -191,12 +202,13 @@ def field_of(
 def ready_for(
     loaded: Instrument, field: FringeField, scene: str | Path | Scene, reach: float, ghosts: bool,
     precision: Literal["float32", "float64"], progress: Progress, watch: Stopwatch, fractions: bool = True,
+    across: ZoneEdges | None = None,
 ) -> Ready:  # fmt: skip
     """Scene, patterns and images. reach : rows by which the ground will have moved at most; fractions : whether it will
-    stop between rows. Raises InputError."""
+    stop between rows; across : what the scene is placed on (the field's zone if None). Raises InputError."""
     system = loaded.band(field.band)
     progress(f"{field.band}: scene")
-    placed = _placed(system, field.zone, scene, reach, _margin(field, ghosts) if scene in NAMES else 0)
+    placed = place_scene(system, across or field.zone, scene, reach, _margin(field, ghosts) if scene in NAMES else 0)
     band_filter = filter_of(system)
     weights = band_filter.transmission(placed.sigma) * placed.shapes
     watch.lap("scene")
@@ -282,9 +294,13 @@ def dead_rows(field: FringeField) -> tuple[tuple[int, int], ...]:
     return tuple((int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True))
 
 
-def _placed(
-    system: OpticalSystem, zone: tuple[float, float, float, float], scene: str | Path | Scene, reach: float, margin: int
+def place_scene(
+    system: OpticalSystem, zone: ZoneEdges, scene: str | Path | Scene, reach: float, margin: int = 0
 ) -> Scene:
+    """A scene by name, file or as it is on a zone that it has to cover, also when the ground has moved by reach rows.
+
+    Raises InputError.
+    """
     if isinstance(scene, Scene):
         return on_zone(scene, zone, 2, reach)
     return band_scene(system, scene, 2, reach, margin, zone=zone)

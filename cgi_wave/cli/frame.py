@@ -58,11 +58,17 @@ def frame(
     """Make the frame that the detector records in BAND.
 
     Nominal beams and all ghosts over a scene, each with its own image of it, and the same without ghosts. Tracing the
-    fringe field takes most of the time: --field keeps it.
+    fringe field takes most of the time: --field keeps it. BAND may be several with commas between (VIS,NIR), a channel
+    or a detector: the frame is the whole detector's, and --field a folder with a file per band.
     """
     from cgi_wave.report import frame_file, output
 
-    _check(band, tolerance, instrument)
+    check_tolerance(tolerance)
+    bands = _bands(band, instrument)
+    if len(bands) > 1:
+        _detector_frame(bands, shift, no_ghosts, out, scene, field, pictures, tolerance, instrument, as_json)
+        return
+    band = bands[0]
     options = {"band": band, "scene": scene, "shift": shift, "ghosts": not no_ghosts, "field": field,
                "tolerance": tolerance, "instrument": instrument}  # fmt: skip
     if out:
@@ -95,6 +101,48 @@ def frame(
         f"layers          {len(found.layers)}\n"
         f"seconds         {', '.join(f'{name} {value:.2f}' for name, value in found.seconds.items())}"
     )
+
+
+def _detector_frame(
+    bands: tuple[str, ...], shift: float, no_ghosts: bool, out: str | None, scene: str, field: str | None,
+    pictures: str | None, tolerance: float, instrument: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """The frame of a whole detector."""
+    from cgi_wave.report import frame_file, output
+
+    options = {"bands": bands, "scene": scene, "shift": shift, "ghosts": not no_ghosts, "field": field,
+               "tolerance": tolerance, "instrument": instrument}  # fmt: skip
+    if out:
+        frame_file.check_netcdf(out, "--out")
+    if field and not Path(field).is_dir():
+        raise InputError("command line", "--field", field, f"is no folder for the fields of {len(bands)} bands",
+                         "create a folder and name it; each band has a file in it")  # fmt: skip
+    fields = {band: Path(field) / f"{band}.nc" for band in bands} if field else {}
+    with ExitStack() as stack:
+        target = stack.enter_context(output.whole_file(out)) if out else None
+        folder = stack.enter_context(output.whole_folder(pictures, "--pictures")) if pictures else None
+        with computing():
+            from cgi_wave import mosaic
+
+            found = mosaic.detector_frame(bands, scene, instrument, tolerance, shift, not no_ghosts, fields, progress)
+            made = output.provenance(found.instrument_name, found.instrument_hash, options)
+            if target:
+                frame_file.write_detector(target, found, made)
+            if folder:
+                from cgi_wave.report import frame_plots
+
+                _save(folder / f"{found.detector}-frame.png", frame_plots.plot_detector, found)
+    figures = frame_file.detector_figures(found)
+    if as_json:
+        click.echo(output.to_json({**figures, "out": out, "provenance": made}))
+        return
+    for part in found.parts:
+        click.echo(
+            f"{part.band:<15} rows {part.rows[0]} to {part.rows[1] - 1}, mean {part.mean:.6g} of its input, fringes "
+            f"{part.fringe_contrast:.4f}, error bound {part.error:.2g}"
+        )
+    empty = ", ".join(f"{a} to {b - 1}" for a, b in found.empty_rows) or "none"
+    click.echo(f"rows of no band {empty}\nnot included    light of one band on another one's rows")
 
 
 @click.command()
@@ -199,6 +247,13 @@ def scroll(
 
 
 COMMANDS = (frame, scroll)
+
+
+def _bands(name: str, instrument: str | None) -> tuple[str, ...]:
+    from cgi_wave.mosaic import bands_of
+    from cgi_wave.optics.system import load_instrument
+
+    return bands_of(load_instrument(instrument), name)
 
 
 def _check(band: str, tolerance: float, instrument: str | None) -> None:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cgi_wave.frames import Frame
+    from cgi_wave.mosaic import DetectorFrame
     from cgi_wave.pointparts import PointParts
     from cgi_wave.scrolling import Scrolled
 
@@ -34,6 +35,30 @@ def plot_frame(result: Frame, ax: Axes | None = None) -> Axes:
             if y[0] < at < y[-1]:
                 ax.axhline(at, color="C3", lw=0.8, ls="--")
     ax.set(xlabel="x across track (mm)", ylabel="y along track (mm)", title=f"{result.band}: {_first(result.scene)}")
+    return ax
+
+
+def plot_detector(result: DetectorFrame, ax: Axes | None = None) -> Axes:
+    """The whole detector, in mm; edges of dead zones dashed, bands named beside their rows."""
+    ax = _axes(ax, (7.0, 6.0))
+    x, y = result.x_m * 1e3, result.y_m * 1e3
+    lit = result.frame[result.band != ""]
+    low, high = np.percentile(lit, [0.2, 99.8])
+    image = ax.imshow(result.frame, origin="lower", extent=_extent(x, y), cmap="gray", interpolation="nearest",
+                      vmin=low, vmax=high)  # fmt: skip
+    ax.figure.colorbar(image, ax=ax, label="irradiance / the band's input (dimensionless)", shrink=0.8, extend="both")
+    pitch = y[1] - y[0]
+    for part in result.parts:
+        for span in part.dead_rows:
+            for edge in span:
+                at = y[0] + (edge - 0.5) * pitch
+                if y[0] < at < y[-1]:
+                    ax.axhline(at, color="C3", lw=0.6, ls="--")
+        middle = y[0] + (0.5 * sum(part.rows) - 0.5) * pitch
+        ax.text(1.01, middle, part.band, transform=ax.get_yaxis_transform(), rotation=90, va="center", ha="left",
+                fontsize="small")  # fmt: skip
+    ax.set(xlabel="x across track (mm)", ylabel="y along track (mm)",
+           title=f"{result.detector}: {_first(result.scene)}")  # fmt: skip
     return ax
 
 
