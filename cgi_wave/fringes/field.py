@@ -21,6 +21,20 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
+class MutualKernel:
+    """What the mutual kernel of a pair has beyond gamma times the kernel of the image that frames give its light.
+
+    apart (h, w) complex : [Y, X], of sum 0, in units of √(t_m t_l), for cells of step × step pixels; at the zone's
+    centre, times the coherence of the light at the pair's path differences
+    most : Σ|apart|, and what could not be computed
+    """
+
+    apart: Complex
+    step: int
+    most: float
+
+
+@dataclass(frozen=True)
 class FieldPair:
     """Mutual coherence of beams m and l at S wavenumbers over the zone's nodes.
 
@@ -30,6 +44,7 @@ class FieldPair:
     sigma (S,) 1/m; gamma (S, Y, X) complex, |gamma| ≤ 1; opd_m (S, Y, X) m
     error : largest bound on the error of gamma at the nodes
     interpolation : largest |difference| of √(t_m t_l) gamma, phase included, at the traced points between the nodes
+    mutual : how the pair's light is spread over the ground; None: not known
     """
 
     m: int
@@ -39,6 +54,7 @@ class FieldPair:
     opd_m: Array
     error: float
     interpolation: float
+    mutual: MutualKernel | None = None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
-from cgi_wave.fringes.field import FieldPair, FringeField, NominalPsf, SceneView, Shadow
+from cgi_wave.fringes.field import FieldPair, FringeField, MutualKernel, NominalPsf, SceneView, Shadow
 
 Array = NDArray[np.float64]
 TITLE = "fringe field"
@@ -51,6 +51,20 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
         "gamma_im": (("sample", *node), np.concatenate([p.gamma.imag for p in pairs]), {"units": "1"}),
         "opd": (("sample", *node), np.concatenate([p.opd_m for p in pairs]), {"units": "m"}),
     }
+    if all(p.mutual is not None for p in pairs):
+        kernels = [p.mutual for p in pairs if p.mutual is not None]
+        joined = np.concatenate([k.apart.ravel() for k in kernels])
+        variables |= {
+            "mutual_size": (("pair", "row"), np.array([k.apart.shape for k in kernels])),
+            "mutual_step": (
+                "pair",
+                np.array([k.step for k in kernels]),
+                {"units": "1", "long_name": "pixels per cell"},
+            ),
+            "mutual_most": ("pair", np.array([k.most for k in kernels]), {"units": "1"}),
+            "mutual_re": ("cell", joined.real, {"units": "1"}),
+            "mutual_im": ("cell", joined.imag, {"units": "1"}),
+        }
     if seen:
         variables |= {
             "view_family": ("view", np.array([v.family for v in seen])),
@@ -152,14 +166,25 @@ def _two(values: Sequence[int]) -> tuple[int, int]:
 
 def _pairs(get: Mapping[str, NDArray[Any]]) -> tuple[FieldPair, ...]:
     found, start = [], 0
+    mutual = _mutual(get)
     for k, count in enumerate(get["samples"].tolist()):
         part = slice(start, start + count)
         gamma = get["gamma_re"][part] + 1j * get["gamma_im"][part]
         found.append(FieldPair(int(get["pair_m"][k]), int(get["pair_l"][k]), get["sigma"][part], gamma,
                                get["opd"][part], float(get["pair_error"][k]),
-                               float(get["pair_interpolation"][k])))  # fmt: skip
+                               float(get["pair_interpolation"][k]), mutual.get(k)))  # fmt: skip
         start += count
     return tuple(found)
+
+
+def _mutual(get: Mapping[str, NDArray[Any]]) -> dict[int, MutualKernel]:
+    found, start = {}, 0
+    for k, (height, width) in enumerate(get.get("mutual_size", np.empty((0, 2), np.int64)).tolist()):
+        part = slice(start, start + height * width)
+        start = part.stop
+        apart = (get["mutual_re"][part] + 1j * get["mutual_im"][part]).reshape(height, width)
+        found[k] = MutualKernel(apart, int(get["mutual_step"][k]), float(get["mutual_most"][k]))
+    return found
 
 
 def _views(get: Mapping[str, NDArray[Any]]) -> tuple[SceneView, ...]:

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
-from cgi_wave.wave.basis import Array
+from cgi_wave.wave.basis import Array, at_points
 from cgi_wave.wave.field import PupilField
+from cgi_wave.wave.methods.shape import beam_at
 from cgi_wave.wave.psf import Psf, psf
 
 #: Points per shortest period of |H|². At 1 a sum over points is the integral; the sum over every second one, which
@@ -97,3 +98,32 @@ def cell_kernel(product: NDArray[np.inexact], x: Array, y: Array, to_pixels: Arr
         cell = float(at[0][1] - at[0][0]) * float(at[1][1] - at[1][0])
         sums.append(gathered(product[first[0] :: step, first[1] :: step].ravel() * cell, where, half))
     return (4.0 * sums[0] - sums[1]) / 3.0
+
+
+def rays_of_pair(
+    m: PupilField, l: PupilField, sigma: float, points: Array,  # noqa: E741
+) -> tuple[NDArray[np.complex128], Array, Array, Array]:  # fmt: skip
+    """What two beams are by geometrical optics at pupil points (N, 2, in units of the disc): where both are lit.
+
+    product (P,) : A_m A_l* with its phase; power (P, 2) : A² of m and of l; direction (P, 2) : the mean of both beams'
+    source directions; group (P,) : difference of group path lengths, m. A pair's light comes from where its rays do as
+    long as neither beam is sharper than a pixel. points : covering the unit disc, which becomes the first beam's domain
+    """
+    u = m.support.centre + m.support.scale * points
+    beams = [beam_at(field, sigma) for field in (m, l)]
+    lit = np.ones(len(u), bool)
+    for beam in beams:
+        at = beam.scaled(u)
+        lit &= ((at**2).sum(axis=1) <= 1.0) & (at_points(beam.support.clearance, at) > 0.0).all(axis=0)
+    u = u[lit]
+    waves = [beam.values(u) * beam.constant for beam in beams]
+    direction = -0.5 * (beams[0].slope_at(u) + beams[1].slope_at(u))
+    group = np.zeros(len(u))
+    for sign, field in ((1.0, m), (-1.0, l)):
+        if len(field.sigma) > 1:
+            opl = (field.sigma[-1] * field.opl[-1] - field.sigma[0] * field.opl[0]) / np.ptp(field.sigma)
+        else:
+            opl = field.opl[0]
+        group += sign * at_points(opl, (u - field.support.centre) / field.support.scale)
+    power = np.stack([np.abs(wave) ** 2 for wave in waves], axis=1)
+    return waves[0] * waves[1].conj(), power, direction, group
