@@ -22,6 +22,7 @@ from cgi_wave.fringes.edge import edge_error
 from cgi_wave.fringes.field import FringeField, Shadow, at_sigma
 from cgi_wave.fringes.field_file import load_field, save_field
 from cgi_wave.fringes.layer import Zone
+from cgi_wave.fringes.mutual_error import mutual_error
 from cgi_wave.fringes.nominal_image import NominalImage, nominal_image
 from cgi_wave.fringes.pattern import Layer, fringe_patterns
 from cgi_wave.fringes.subfield import with_families
@@ -45,7 +46,8 @@ class Ready:
     """All that frames of a band need. layers and beams with ghosts, nominal_layers and nominal_beams without.
 
     scene : placed on the zone; phase (R, X) : rad, 2πσ0 times the nominal OPD; image : the scene through the nominal
-    PSF, None if the field has none; edge : bound of what lies beyond the scene, see ``errors_of``
+    PSF, None if the field has none; edge, mutual : errors by what lies beyond the scene, and by pairs' own images, see
+    ``errors_of``
     """
 
     instrument: Instrument
@@ -60,6 +62,7 @@ class Ready:
     nominal_beams: Beams
     image: NominalImage | None
     edge: float
+    mutual: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -234,7 +237,9 @@ def ready_for(
     bare = made(nominal) if ghosts else beams
     watch.lap("images")
     edge = edge_error(layers, field.psf, placed.maps, zone, reach)
-    return Ready(loaded, field, placed, band_filter, zone, phase, layers, beams, nominal, bare, image, edge)
+    apart = mutual_error(field, placed.maps[0]) if ghosts else (0.0, 0.0)
+    watch.lap("errors")
+    return Ready(loaded, field, placed, band_filter, zone, phase, layers, beams, nominal, bare, image, edge, apart)
 
 
 def zone_on(field: FringeField, scene: Scene, phase: Array) -> Zone:
@@ -251,6 +256,7 @@ def errors_of(ready: Ready) -> dict[str, float]:
     scene : what the low-rank form of the scene leaves; edge : what ghosts and the nominal PSF see beyond the scene,
     where its edge goes on: the kernels' weight there times the scene's range
     psf_between, psf_window, psf_arms : of the nominal PSF between traced points, beyond its window, and by beam
+    mutual, mutual_bound : what pairs with ghosts have of images of their own, measured on the scene, and bounded
     """
     bright = float(ready.scene.maps[0].max())
     nominal = ready.nominal_layers[0].pattern[0]
@@ -268,6 +274,8 @@ def errors_of(ready: Ready) -> dict[str, float]:
             "images": ready.beams.error,
             "scene": ready.scene.rank_residual * bright * float(np.abs(nominal).max()),
             "edge": ready.edge,
+            "mutual": ready.mutual[0],
+            "mutual_bound": ready.mutual[1],
         }
         | _psf_errors(ready.image, float(np.abs(nominal).max()))
     )

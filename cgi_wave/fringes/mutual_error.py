@@ -19,8 +19,8 @@ SMALL = 2e-5
 def mutual_error(field: FringeField, image: Real) -> tuple[float, float]:
     """What the mutual kernels of all pairs may change of a frame, measured and only bounded, relative irradiance each.
 
-    image (H, W) : the scene's reference map. A pair errs by 2√(t_m t_l)·|Σ_d apart[d] L(x + d)|, largest over the part of
-    the scene that departs most from its mean, or by half the range of L times Σ|apart|. Amplitudes of all pairs add.
+    image (H, W) : the scene's reference map. A pair errs by 2√(t_m t_l)·|Σ_d apart[d] L(x + d)|, largest over the part
+    of the scene that departs most from its mean, or by half the range of L times Σ|apart|. Amplitudes of all pairs add.
     """
     baseline = float(field.transmission[:2].sum(axis=0).mean())
     reach = float(np.ptp(image))

@@ -5,9 +5,11 @@ import pytest
 from synthetic_beams import beam, disc
 
 from cgi_wave.errors import InputError
+from cgi_wave.rays.disc import disc as sunflower
+from cgi_wave.rays.disc import rim
 from cgi_wave.wave.field import fit_field
 from cgi_wave.wave.overlap import overlap
-from cgi_wave.wave.seen import cell_kernel, gathered, source_amplitude, source_pitch
+from cgi_wave.wave.seen import cell_kernel, gathered, rays_of_pair, source_amplitude, source_pitch
 
 SIGMA = 1.0 / 0.764e-6
 RADIUS = 16.25e-3  # m, of the entrance pupil
@@ -99,3 +101,23 @@ def test_a_field_of_directions_is_refused():
     field = fit_field(beam(0.1, sigma=np.array([SIGMA])))
     with pytest.raises(InputError, match="space"):
         source_amplitude(field, THETA, 1e-3, 1e-4, SIGMA)
+
+
+def test_rays_of_a_pair_are_their_mutual_intensity_and_land_where_the_kernel_does():
+    """Of two defocused beams: the sum over rays is J; the kernel by rays is that of diffraction, but for its rings."""
+    m, l = pupil(14.0, 0.0), pupil(14.5, 0.0)  # noqa: E741
+    points = sunflower(20_000)[: 20_000 - rim(20_000)] / 0.985
+    product, power, direction, group = rays_of_pair(m, l, SIGMA, points)
+    share = len(product) / len(points)
+    assert share * np.pi * m.support.scale.prod() == pytest.approx(np.pi * RADIUS**2, rel=2e-3)
+    truth = overlap(m, l, np.array([SIGMA]))
+    exact = truth.value[0] * np.exp(2j * np.pi * SIGMA * truth.opd_m[0])
+    total = power.sum(axis=0)
+    assert product.sum() / np.sqrt(total[0] * total[1]) == pytest.approx(exact, abs=3e-3)
+    one, two = amplitudes(m, l, reach=17.0)
+    by_waves = cell_kernel(one.field * two.field.conj(), one.x, one.y, TO_PIXELS, 16) / m.power_at(np.array([SIGMA]))[0]
+    where = (direction - THETA) @ TO_PIXELS.T
+    by_rays = gathered(product / np.sqrt(total[0] * total[1]), where, 16)
+    assert np.abs(by_waves - by_rays).sum() < 0.2
+    assert np.abs(by_waves - by_rays.conj()).sum() > 0.8
+    assert np.ptp(group) == pytest.approx(0.5 / SIGMA, rel=0.05)  # half a wave from the middle to the rim
