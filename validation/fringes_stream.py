@@ -35,7 +35,7 @@ def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -
     Patterns are synthetic on purpose: the time of a frame depends on how many layers there are and how smooth, not on
     where they come from.
     """
-    y = (np.arange(size) - 0.5 * (size - 1)) * PITCH
+    y = np.asarray((np.arange(size) - 0.5 * (size - 1)) * PITCH)
     phase = 2.0 * np.pi * 10.0 * (y[:, None] + 0.01 * y[None, :]) / (size * PITCH)
     zone = Zone(y, y, phase=phase)
 
