@@ -288,7 +288,7 @@ def _save(path: Path, plot: Callable[..., Any], result: object) -> None:
         figure = Figure(figsize=(9.0, 5.0), layout="constrained")
         FigureCanvasAgg(figure)
         plot(result, figure.add_subplot())
-        figure.savefig(path, dpi=150)
+        figure.savefig(path, dpi=150, bbox_inches="tight")
 
 
 def _pictures(folder: Path, found: Scrolled) -> None:

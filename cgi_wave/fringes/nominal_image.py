@@ -23,7 +23,7 @@ from cgi_wave.fringes.layer import Zone
 Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 #: Part of what interpolation between the nodes errs by, up to which kernels are made of fewer ones.
-FEWER = 0.02
+FEWER = 0.1
 
 
 @dataclass(frozen=True)
@@ -123,14 +123,20 @@ def _shapes(terms: Array, tolerance: float) -> tuple[Array, Array, float]:
     apart[0] -= mean
     flat = apart.reshape(terms.shape[0] * terms.shape[1], -1)
     left, size, right = np.linalg.svd(flat, full_matrices=False)
-    # Σ|…| of what is left is at most the root of the number of samples times its energy's
-    tail = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1] * flat.shape[1])
-    count = int((tail > tolerance).sum())
-    lost = float(tail[count]) if count < len(tail) else 0.0
+    count, rest = 0, flat
+    # terms add up in a pixel, nodes do not (but for what a polynomial between them overshoots)
+    while (lost := float(_by_term(rest, terms.shape).sum(axis=0).max())) > tolerance and count < len(size):
+        rest = rest - np.outer(left[:, count] * size[count], right[count])
+        count += 1
     mix = np.zeros((*terms.shape[:2], 1 + count))
     mix[0, :, 0] = 1.0
     mix[..., 1:] = (left[:, :count] * size[:count]).reshape(*terms.shape[:2], count)
     return np.concatenate([mean[None], right[:count].reshape(count, *mean.shape)]), mix, lost
+
+
+def _by_term(flat: Array, shape: tuple[int, ...]) -> Array:
+    """(K, X) Σ|…| of each term's kernel at each node."""
+    return np.abs(flat).sum(axis=1).reshape(shape[:2])
 
 
 def _columns(seen: Real, column: Array) -> Real:
