@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -72,7 +72,8 @@ class Smooth:
     rows of the scene per coarse row; size: coarse rows of each layer, both (E, 1)."""
 
     grid: smooth.Grid
-    tiles: Real
+    carrier: Real
+    turn: Real
     envelope: Real
     coarse: Real
     row: Array
@@ -105,17 +106,19 @@ class Beams:
     smooth: Smooth | None
     plans: tuple[LayerPlan, ...]
     error: float
-    _space: dict[int, Real] = field(default_factory=dict, repr=False, compare=False)
 
     def frame(self, shift: float, out: Real | None = None, pool: ThreadPoolExecutor | None = None) -> Real:
         """(R, X) the frame when the ground has moved by ``shift`` rows; into ``out`` if given.
 
         ``pool``: two threads share the rows; the result is the same to the last bit.
 
-        Raises InputError when the nominal beam looks beyond a scene that does not repeat.
+        Raises InputError when the nominal beam looks beyond a scene that does not repeat, or ``out`` does not fit.
         """
         rows, columns = self.zone.shape
         out = np.empty((rows, columns), self.dtype) if out is None else out
+        if out.shape != (rows, columns) or out.dtype != self.dtype or not out.flags.c_contiguous:
+            raise InputError("frames", "out", f"{out.dtype} {out.shape}", "does not fit the frame",
+                             f"give a contiguous {np.dtype(self.dtype)} array of {(rows, columns)}")  # fmt: skip
         ready = [self._rows_of(term, shift) for term in self.sharp]
         coarse = None if self.smooth is None else self._coarse_rows(self.smooth, shift)
         unit = 4 if self.smooth is None else self.smooth.grid.pitch
@@ -126,7 +129,7 @@ class Beams:
             first, last = spans[part]
             for number, (term, (index, weight)) in enumerate(zip(self.sharp, ready, strict=True)):
                 if number == 0 and self.smooth is not None and coarse is not None:
-                    self._fused(part, out, term, index, weight, coarse, first, last)
+                    self._fused(out, term, index, weight, coarse, first, last)
                 else:
                     kernels.sharp_rows(out, term.pattern, term.image, index, weight, first, last, number > 0)
             for turned in self.warped:
@@ -146,18 +149,14 @@ class Beams:
             self._rows_of(term, shift)
 
     def _fused(
-        self, part: int, out: Real, term: Sharp, index: Index, weight: Real, coarse: tuple[Index, Real], first: int,
-        last: int,
-    ) -> None:  # fmt: skip
+        self, out: Real, term: Sharp, index: Index, weight: Real, coarse: tuple[Index, Real], first: int, last: int
+    ) -> None:
         s = self.smooth
         assert s is not None
-        if part not in self._space:
-            size = 4 * s.envelope.shape[1] * kernels.BLOCK
-            self._space[part] = np.zeros((-(-out.shape[1] // kernels.BLOCK), size), self.dtype)
         g = s.grid
         kernels.frame_rows(
-            out, term.pattern, term.image, index, weight, s.tiles, s.envelope, s.coarse, *coarse, g.table, g.base_x,
-            smooth.gaps(g.base_x), g.base_y, smooth.gaps(g.base_y), self._space[part], first, last,
+            out, term.pattern, term.image, index, weight, s.carrier, s.turn, s.envelope, s.coarse, *coarse, g.table, g.t,
+            np.array([0.5, 1.0 / 6.0], self.dtype), first, last,
         )  # fmt: skip
 
     def _rows_of(self, term: Sharp, shift: float) -> tuple[Index, Real]:
@@ -231,7 +230,9 @@ def prepare(
         blurred = kernel is not None and how.method != "nothing"
         seen, margin = _blurred(maps, how, kernel, tile) if blurred and kernel is not None else (maps, (0, 0))
         if number and blurred and envelopes is not None and _keeps_rows(affine, zone, seen, share / weight):
-            found = _smooth_candidates(layer, seen, margin, zone, envelopes, share / 2.0, tile, dtype)
+            found = _smooth_candidates(
+                layer, seen, margin, zone, envelopes, share / 2.0, share * len(layers) / 2.0, tile, dtype
+            )
             if found:
                 candidates.append((layer.name, how.method, found))
                 continue
@@ -247,7 +248,7 @@ def prepare(
         else:
             warped.append(Warped(layer.name, pattern, seen, column, row, count))
             plans.append(LayerPlan(layer.name, "warped", how.method, 1, error))
-    together = _together(candidates, zone, dtype) if candidates else None
+    together = _together(candidates, share / 2.0, zone, dtype) if candidates else None
     if together is not None:
         pitch = together.grid.pitch
         plans += [LayerPlan(name, "smooth", how, pitch, found[pitch].error) for name, how, found in candidates]
@@ -317,58 +318,76 @@ def _reading(seen: Real, count: int) -> float:
 
 def _smooth_candidates(
     layer: Layer, seen: Real, margin: tuple[int, int], zone: Zone, envelopes: smooth.Envelopes, tolerance: float,
-    tile: bool, dtype: type,
+    most: float, tile: bool, dtype: type,
 ) -> dict[int, _Candidate]:  # fmt: skip
-    """The layer on every grid that keeps the tolerance, coarsest first; empty if none does."""
+    """The layer on every grid on which its error is below ``most``; empty if the finest does not keep ``tolerance``."""
     scale = float(np.abs(seen).max()) or 1.0
-    fits = [envelopes.fit(part, 0.5 * tolerance / scale) for part in layer.pattern]
     found: dict[int, _Candidate] = {}
+    if min(zone.shape) < 4:
+        return found
+    fits = [envelopes.fit(part, 0.5 * tolerance / scale) for part in layer.pattern]
     if any(fit is None for fit in fits):
         return found
-    for pitch in smooth.PITCHES:
+    check = _Check.of(layer, seen, margin, zone, tile)
+    for pitch in sorted(smooth.PITCHES):
         if 4 * pitch > max(zone.shape):
-            continue
+            break
         where = smooth.grid(zone.shape, pitch, dtype)
         envelope: Real = np.array([envelopes.on_nodes(*fit, where) for fit in fits if fit is not None], dtype=dtype)
         height = seen.shape[1]
         count = max(-(-height // pitch), 4)
         step = height / count if tile else (height - 1) / (count - 1)
         assert layer.view is not None
-        column, row = _places(layer.view.affine, zone, margin, pitch * np.arange(where.nodes[0], dtype=np.float64),
-                              pitch * np.arange(where.nodes[1], dtype=np.float64))  # fmt: skip
+        column, row = _places(layer.view.affine, zone, margin, *where.nodes)
         along = smooth.resampled(seen, np.arange(count) * step, 1, tile)
         coarse = np.ascontiguousarray(smooth.resampled(along, column[0], 2, False))
         candidate = _Candidate(envelope, coarse, row[:, 0] / step, step, 0.0)
-        error = _measured(layer, candidate, seen, margin, zone, where, tile, dtype)
-        if error <= tolerance:
-            found[pitch] = _Candidate(envelope, coarse, row[:, 0] / step, step, error)
+        error = check.error(candidate, zone, where, tile, dtype)
+        if error > (most if found else tolerance):
+            break
+        found[pitch] = replace(candidate, error=error)
     return found
 
 
-def _measured(
-    layer: Layer, candidate: _Candidate, seen: Real, margin: tuple[int, int], zone: Zone, where: smooth.Grid,
-    tile: bool, dtype: type,
-) -> float:  # fmt: skip
-    """Largest difference from pattern × image: under uniform light everywhere, and with the scene at CHECKED pixels."""
-    alone = _alone(candidate, zone, where, tile, seen.shape[1], dtype)
-    flat = _Candidate(candidate.envelope, np.ones_like(candidate.coarse), candidate.row, candidate.step, 0.0)
-    uniform = _alone(flat, zone, where, tile, seen.shape[1], dtype).frame(0.0)
-    scale = float(np.abs(seen).max()) or 1.0
-    worst = float(np.abs(uniform - layer.pattern.sum(axis=0)).max()) * scale
-    rng = np.random.default_rng(1)
-    j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
-    assert layer.view is not None
-    column, row = _places(layer.view.affine, zone, margin)
-    for shift in (0.0, 0.37 * where.pitch, 0.43 * seen.shape[1]):
-        image = np.zeros((len(seen), CHECKED))
-        at_y, weight_y = smooth.taps(row[j, i] + shift, seen.shape[1], tile)
-        at_x, weight_x = smooth.taps(column[j, i], seen.shape[2], False)
-        for a in range(4):
-            for b in range(4):
-                image += weight_y[:, a] * weight_x[:, b] * seen[:, at_y[:, a], at_x[:, b]]
-        expected = (layer.pattern[:, j, i] * image).sum(axis=0)
-        worst = max(worst, float(np.abs(alone.frame(shift)[j, i] - expected).max()))
-    return worst
+@dataclass(frozen=True)
+class _Check:
+    """What a layer adds to frames: under uniform light everywhere, (R, X); and with the scene at CHECKED pixels, rows j
+    and columns i, at the scrolls that are the keys of ``truth``. scale: the image's largest value."""
+
+    uniform: Array
+    scale: float
+    height: int
+    j: Index
+    i: Index
+    truth: dict[float, Array]
+
+    @classmethod
+    def of(cls, layer: Layer, seen: Real, margin: tuple[int, int], zone: Zone, tile: bool) -> _Check:
+        rng = np.random.default_rng(1)
+        j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
+        assert layer.view is not None
+        height = seen.shape[1]
+        column, row = (place[j, i] for place in _places(layer.view.affine, zone, margin))
+        at_x, weight_x = smooth.taps(column, seen.shape[2], False)
+        truth = {}
+        for shift in (0.0, 3.37, 0.43 * height):
+            at_y, weight_y = smooth.taps(row + shift, height, tile)
+            image = np.zeros((len(seen), CHECKED))
+            for a in range(4):
+                for b in range(4):
+                    image += weight_y[:, a] * weight_x[:, b] * seen[:, at_y[:, a], at_x[:, b]]
+            truth[shift] = (layer.pattern[:, j, i] * image).sum(axis=0)
+        return cls(layer.pattern.sum(axis=0), float(np.abs(seen).max()) or 1.0, height, j, i, truth)
+
+    def error(self, candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, dtype: type) -> float:
+        """Largest difference of frames from these."""
+        alone = _alone(candidate, zone, where, tile, self.height, dtype)
+        flat = replace(candidate, coarse=np.ones_like(candidate.coarse))
+        uniform = _alone(flat, zone, where, tile, self.height, dtype).frame(0.0)
+        worst = float(np.abs(uniform - self.uniform).max()) * self.scale
+        for shift, truth in self.truth.items():
+            worst = max(worst, float(np.abs(alone.frame(shift)[self.j, self.i] - truth).max()))
+        return worst
 
 
 def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, height: int, dtype: type) -> Beams:
@@ -379,26 +398,28 @@ def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, he
     return Beams(zone, dtype, tile, height, (dark,), (), part, (), 0.0)
 
 
-def _together(candidates: Sequence[tuple[str, str, dict[int, _Candidate]]], zone: Zone, dtype: type) -> Smooth:
-    """All smooth layers on the finest grid that any of them needs."""
-    pitch = min(max(found) for _, _, found in candidates)
-    while not all(pitch in found for _, _, found in candidates):
-        pitch = max(p for p in smooth.PITCHES if p < pitch)
+def _together(
+    candidates: Sequence[tuple[str, str, dict[int, _Candidate]]], share: float, zone: Zone, dtype: type
+) -> Smooth:
+    """All smooth layers on the coarsest grid on which their errors together are below their shares together."""
+    pitch = max(
+        pitch for pitch in smooth.PITCHES
+        if all(pitch in found for _, _, found in candidates)
+        and (sum(found[pitch].error for _, _, found in candidates) <= share * len(candidates)
+             or pitch == min(smooth.PITCHES))
+    )  # fmt: skip
     return _gather([found[pitch] for _, _, found in candidates], zone, smooth.grid(zone.shape, pitch, dtype), dtype)
 
 
 def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: type) -> Smooth:
     modes = len(parts[0].coarse)
-    tiles: Real = np.zeros((-(-zone.shape[0] // where.pitch), -(-zone.shape[1] // kernels.BLOCK), where.pitch // 4,
-                      8 * kernels.BLOCK if zone.phase is not None else 1), dtype)  # fmt: skip
-    if zone.phase is not None:
-        kernels.carrier_tiles(np.cos(zone.phase), np.sin(zone.phase), where.pitch, tiles)
+    phase = np.zeros(zone.shape) if zone.phase is None else zone.phase
     size = np.repeat([part.coarse.shape[1] for part in parts], modes)
-    coarse: Real = np.zeros((len(size), int(size.max()), where.nodes[1]), dtype)
+    coarse: Real = np.zeros((len(size), int(size.max()), len(where.nodes[1])), dtype)
     for number, image in enumerate(image for part in parts for image in part.coarse):
         coarse[number, : len(image)] = image
     return Smooth(
-        where, tiles, np.concatenate([part.envelope for part in parts]), coarse,
+        where, *smooth.carriers(phase, where, dtype), np.concatenate([part.envelope for part in parts]), coarse,
         np.repeat([part.row for part in parts], modes, axis=0),
         np.repeat([part.step for part in parts], modes)[:, None], size[:, None],
     )  # fmt: skip

@@ -27,36 +27,52 @@ POINTS = 6000
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes every ``pitch`` pixels from pixel (0, 0) on, the last past the end, and how pixels are made of them."""
+    """Nodes every ``pitch`` pixels, the first one pitch before pixel (0, 0) and the last beyond the end, so that every
+    cell of pixels lies between the second and third of four nodes.
+
+    table (pitch, 4), t (pitch,) : weights and places of a cell's pixels
+    """
 
     pitch: int
     rows: int
     columns: int
     table: Real
-    base_y: NDArray[np.int64]
-    base_x: NDArray[np.int64]
+    t: Real
 
     @property
-    def nodes(self) -> tuple[int, int]:
-        """Numbers of nodes along and across track, four at least."""
-        return _count(self.rows, self.pitch), _count(self.columns, self.pitch)
+    def cells(self) -> tuple[int, int]:
+        """Numbers of cells along and across track."""
+        return -(-self.rows // self.pitch), -(-self.columns // self.pitch)
 
-
-def _count(size: int, pitch: int) -> int:
-    return max(-(-(size - 1) // pitch) + 1, 4)
+    @property
+    def nodes(self) -> tuple[Array, Array]:
+        """Pixels of the nodes along and across track, cells + 3 each."""
+        along, across = (self.pitch * np.arange(-1.0, count + 2) for count in self.cells)
+        return along, across
 
 
 def grid(shape: tuple[int, int], pitch: int, dtype: type) -> Grid:
-    """The grid of a zone; its Lagrange weights for the first, inner and last gap of four nodes."""
+    """The grid of a zone."""
     t = np.arange(pitch) / pitch
-    table: Real = np.array([lagrange(t + gap - 1.0) for gap in range(3)], dtype=dtype)
-    base = [np.clip(np.arange(-(-n // pitch)) - 1, 0, _count(n, pitch) - 4) for n in shape]
-    return Grid(pitch, *shape, table, base[0], base[1])
+    return Grid(pitch, *shape, np.ascontiguousarray(lagrange(t).T, dtype=dtype), t.astype(dtype))
 
 
-def gaps(base: NDArray[np.int64]) -> NDArray[np.int64]:
-    """In which of the three gaps of its four nodes each cell lies."""
-    return np.arange(len(base)) - base
+def carriers(phase: Array, where: Grid, dtype: type) -> tuple[Real, Real]:
+    """cos and sin of the phase (R, X) on the first row of every cell (2, cells, X), and of what each row is ahead of
+    it, at the nodes (2, R, K).
+
+    Nodes outside of the zone take the cubic through four pixels at its edge: what is left there is small and smooth.
+    """
+    first = phase[:: where.pitch]
+    ahead = phase - np.repeat(first, where.pitch, axis=0)[: len(phase)]
+    step = max(1, min(where.pitch, (where.columns - 1) // 3))
+    at = where.nodes[1]
+    left, right = step * np.arange(4), where.columns - 1 - step * np.arange(3, -1, -1)
+    low, high = at < 0, at > where.columns - 1
+    inside = ahead[:, at[~low & ~high].astype(np.int64)]
+    low_weight, high_weight = (lagrange((at[out] - own[1]) / step) for out, own in ((low, left), (high, right)))
+    full = np.concatenate([ahead[:, left] @ low_weight, inside, ahead[:, right] @ high_weight], axis=1)
+    return (np.array([np.cos(first), np.sin(first)], dtype=dtype), np.array([np.cos(full), np.sin(full)], dtype=dtype))
 
 
 def lagrange(t: Array) -> Array:
@@ -131,12 +147,11 @@ class Envelopes:
     def on_nodes(self, degree: tuple[int, int], term: Array, where: Grid) -> Array:
         """(M, N, K) envelopes at the nodes."""
         along, across = where.nodes
-        x = _basis(np.arange(across) * where.pitch, self._shape[1], degree[0])
-        y = _basis(np.arange(along) * where.pitch, self._shape[0], degree[1])
-        return np.einsum("mab,ak,bn->mnk", term, x, y)
+        x, y = _basis(across, self._shape[1], degree[0]), _basis(along, self._shape[0], degree[1])
+        return np.einsum("mab,ak,bn->mnk", term, x, y, optimize=True)
 
 
-def _basis(at: NDArray[np.int64], size: int, count: int) -> Array:
+def _basis(at: NDArray[np.int64] | Array, size: int, count: int) -> Array:
     """(count, …) Chebyshev polynomials of a pixel number."""
     u = 2.0 * np.asarray(at, dtype=np.float64) / (size - 1) - 1.0
     return np.asarray(np.polynomial.chebyshev.chebvander(u, count - 1).T)

@@ -4,7 +4,9 @@ A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, index[j], x] + Σ_h har
 sum holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a row. The
 second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every ``pitch``
 pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation:
-along x once per coarse row, along y inside the loop over pixels.
+along y on the nodes, once per row of pixels, then along x inside the loop over pixels, where all pixels of a cell share
+four numbers per harmonic. The carriers cos θ, sin θ are held for one row per cell: to the other rows the envelopes are
+turned, on the nodes. So a frame moves hardly more memory than pattern, image and result take.
 
 All arrays of one call share one floating type, so that nothing is converted on the way. Loops over pixels are functions
 of their own on contiguous rows: that is what lets the compiler vectorise them. No sum is reordered, and every row is
@@ -14,11 +16,14 @@ computed in one piece, so that results do not depend on how rows are given out t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 #: A product may be fused with the sum it goes into; nothing else of IEEE arithmetic is given up.
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
-BLOCK = 208  # columns in one piece of the harmonic sum: 20 coarse rows stay in the first cache; odd in cache lines
+LANES = 8  # pixels that are computed together: every pitch of the grid is a multiple
 
 
 @njit(**_JIT)
@@ -118,8 +123,7 @@ def cubic(t, weight, order):
 
 
 @njit(**_JIT)
-def _weighted(total, a, b, c, d, w):
-    wa, wb, wc, wd = w[0], w[1], w[2], w[3]
+def _weighted(total, a, b, c, d, wa, wb, wc, wd):
     for n in range(total.shape[0]):
         total[n] = wa * a[n] + wb * b[n] + wc * c[n] + wd * d[n]
 
@@ -131,175 +135,203 @@ def _times(total, a, b):
 
 
 @njit(**_JIT)
-def _spread(out, node, weight, base, shift):
-    """One coarse row brought to the pixels: out (X,), node (N,), weight (3, 4, pitch), base and shift (cells,)."""
-    pitch, size = weight.shape[2], out.shape[0]
-    full = size // pitch
-    for p in range(pitch):
-        inner = weight[1, :, p]
-        w0, w1, w2, w3 = inner[0], inner[1], inner[2], inner[3]
-        for k in range(1, full):  # cells whose four nodes stand one before and two after; the others are done below
-            out[k * pitch + p] = w0 * node[k - 1] + w1 * node[k] + w2 * node[k + 1] + w3 * node[k + 2]
-    for k in range(base.shape[0]):
-        if shift[k] != 1 or k >= full:
-            b, w = base[k], weight[shift[k]]
-            for p in range(min(pitch, size - k * pitch)):
-                out[k * pitch + p] = (w[0, p] * node[b] + w[1, p] * node[b + 1] + w[2, p] * node[b + 2]
-                                      + w[3, p] * node[b + 3])  # fmt: skip
-
-
-@njit(**_JIT)
-def _mix(a, b, c, d, wa, wb, wc, wd):
-    return wa * a + wb * b + wc * c + wd * d
-
-
-@njit(**_JIT)
-def _turn(c, s, plain, c1, s1, c2, s2):
-    return plain + c * c1 + s * s1 + (c * c - s * s) * c2 + (c * s + c * s) * s2
-
-
-@njit(**_JIT)
-def _tile1(tile, f, w):
-    """Four rows of one block from four coarse rows; f in one piece, at distances known when this is compiled."""
-    w00, w01, w02, w03 = w[0, 0], w[0, 1], w[0, 2], w[0, 3]
-    w10, w11, w12, w13 = w[1, 0], w[1, 1], w[1, 2], w[1, 3]
-    w20, w21, w22, w23 = w[2, 0], w[2, 1], w[2, 2], w[2, 3]
-    w30, w31, w32, w33 = w[3, 0], w[3, 1], w[3, 2], w[3, 3]
-    for x in range(BLOCK):
-        a, b, c, d = f[x], f[BLOCK + x], f[2 * BLOCK + x], f[3 * BLOCK + x]
-        tile[x] = _mix(a, b, c, d, w00, w01, w02, w03)
-        tile[BLOCK + x] = _mix(a, b, c, d, w10, w11, w12, w13)
-        tile[2 * BLOCK + x] = _mix(a, b, c, d, w20, w21, w22, w23)
-        tile[3 * BLOCK + x] = _mix(a, b, c, d, w30, w31, w32, w33)
-
-
-@njit(**_JIT)
-def _tile5(tile, turn, f, w):
-    """The same with harmonics: turn holds cos θ of the four rows, then sin θ. Loads of f serve four rows each."""
-    w00, w01, w02, w03 = w[0, 0], w[0, 1], w[0, 2], w[0, 3]
-    w10, w11, w12, w13 = w[1, 0], w[1, 1], w[1, 2], w[1, 3]
-    w20, w21, w22, w23 = w[2, 0], w[2, 1], w[2, 2], w[2, 3]
-    w30, w31, w32, w33 = w[3, 0], w[3, 1], w[3, 2], w[3, 3]
-    for x in range(BLOCK):
-        a0, b0, c0, d0 = f[x], f[5 * BLOCK + x], f[10 * BLOCK + x], f[15 * BLOCK + x]
-        a1, b1, c1, d1 = f[BLOCK + x], f[6 * BLOCK + x], f[11 * BLOCK + x], f[16 * BLOCK + x]
-        a2, b2, c2, d2 = f[2 * BLOCK + x], f[7 * BLOCK + x], f[12 * BLOCK + x], f[17 * BLOCK + x]
-        a3, b3, c3, d3 = f[3 * BLOCK + x], f[8 * BLOCK + x], f[13 * BLOCK + x], f[18 * BLOCK + x]
-        a4, b4, c4, d4 = f[4 * BLOCK + x], f[9 * BLOCK + x], f[14 * BLOCK + x], f[19 * BLOCK + x]
-        tile[x] = _turn(
-            turn[x], turn[4 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w00, w01, w02, w03), _mix(a1, b1, c1, d1, w00, w01, w02, w03),
-            _mix(a2, b2, c2, d2, w00, w01, w02, w03), _mix(a3, b3, c3, d3, w00, w01, w02, w03),
-            _mix(a4, b4, c4, d4, w00, w01, w02, w03),
-        )  # fmt: skip
-        tile[BLOCK + x] = _turn(
-            turn[BLOCK + x], turn[5 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w10, w11, w12, w13), _mix(a1, b1, c1, d1, w10, w11, w12, w13),
-            _mix(a2, b2, c2, d2, w10, w11, w12, w13), _mix(a3, b3, c3, d3, w10, w11, w12, w13),
-            _mix(a4, b4, c4, d4, w10, w11, w12, w13),
-        )  # fmt: skip
-        tile[2 * BLOCK + x] = _turn(
-            turn[2 * BLOCK + x], turn[6 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w20, w21, w22, w23), _mix(a1, b1, c1, d1, w20, w21, w22, w23),
-            _mix(a2, b2, c2, d2, w20, w21, w22, w23), _mix(a3, b3, c3, d3, w20, w21, w22, w23),
-            _mix(a4, b4, c4, d4, w20, w21, w22, w23),
-        )  # fmt: skip
-        tile[3 * BLOCK + x] = _turn(
-            turn[3 * BLOCK + x], turn[7 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w30, w31, w32, w33), _mix(a1, b1, c1, d1, w30, w31, w32, w33),
-            _mix(a2, b2, c2, d2, w30, w31, w32, w33), _mix(a3, b3, c3, d3, w30, w31, w32, w33),
-            _mix(a4, b4, c4, d4, w30, w31, w32, w33),
-        )  # fmt: skip
-
-
-@njit(**_JIT)
-def _add(out, part):
-    for x in range(out.shape[0]):
-        out[x] += part[x]
-
-
-@njit(**_JIT)
-def carrier_tiles(cosine, sine, pitch, tiles):
-    """cos θ and sin θ (R, X) in the order ``frame_rows`` reads them: tiles (cells, blocks, pitch/4, 8·BLOCK)."""
-    rows, columns = cosine.shape
-    for cell in range(tiles.shape[0]):
-        for block in range(tiles.shape[1]):
-            for part in range(tiles.shape[2]):
-                for r in range(4):
-                    j = min(cell * pitch + 4 * part + r, rows - 1)
-                    for x in range(BLOCK):
-                        i = min(block * BLOCK + x, columns - 1)
-                        tiles[cell, block, part, r * BLOCK + x] = cosine[j, i]
-                        tiles[cell, block, part, (4 + r) * BLOCK + x] = sine[j, i]
-
-
-@njit(**_JIT)
-def _node_row(field, envelope, coarse, row, row_weight, table, base, shift, i, line, node, pixels):
-    """Row i of nodes into its place in ``field``: all smooth layers times their images, added up, spread along x."""
-    kinds = envelope.shape[1]
+def _node_row(node, envelope, coarse, row, row_weight, i, line):
+    """Row i of nodes (M, K): all smooth layers' envelopes times their images, added up."""
     node[:, :] = 0.0
     for e in range(envelope.shape[0]):
-        at = row[e, i]
-        _weighted(line, coarse[e, at[0]], coarse[e, at[1]], coarse[e, at[2]], coarse[e, at[3]], row_weight[e, i])
-        for h in range(kinds):
+        at, w = row[e, i], row_weight[e, i]
+        a, b, c, d = coarse[e, at[0]], coarse[e, at[1]], coarse[e, at[2]], coarse[e, at[3]]
+        _weighted(line, a, b, c, d, w[0], w[1], w[2], w[3])
+        for h in range(envelope.shape[1]):
             _times(node[h], envelope[e, h, i], line)
-    for h in range(kinds):
-        _spread(pixels, node[h], table, base, shift)
-        to = ((i % 4) * kinds + h) * BLOCK
-        for block in range(field.shape[0]):
-            x = block * BLOCK
-            size = min(BLOCK, pixels.shape[0] - x)
-            field[block, to : to + size] = pixels[x : x + size]
 
 
 @njit(**_JIT)
-def _cell(out, tiles, field, turned, tile):
-    """A cell's rows of out (≤ pitch, X), added to: tiles (blocks, pitch/4, 8·BLOCK), turned (pitch, 4)."""
-    kinds, columns = field.shape[1] // (4 * BLOCK), out.shape[1]
-    for block in range(field.shape[0]):
-        x, end = block * BLOCK, min((block + 1) * BLOCK, columns)
-        for part in range(turned.shape[0] // 4):
-            if kinds == 1:
-                _tile1(tile, field[block], turned[4 * part :])
+def _rotated(plain, c1, s1, c2, s2, turn_c, turn_s):
+    """Envelopes of a pixel row whose phase is δ ahead of the carrier's, turned onto the carrier and folded:
+
+    A + C1 cos θ + S1 sin θ + C2 cos 2θ + S2 sin 2θ = (A − C2) + S1 s + c·(C1 + 2 C2 c + 2 S2 s), as cos 2θ = 2c² − 1.
+    """
+    for k in range(plain.shape[0]):
+        c, s = turn_c[k], turn_s[k]
+        a, b = c1[k], s1[k]
+        c1[k], s1[k] = c * a + s * b, c * b - s * a
+        c, s = c * c - s * s, c * s + c * s
+        a, b = c2[k], s2[k]
+        a, b = c * a + s * b, c * b - s * a
+        plain[k] -= a
+        c2[k], s2[k] = a + a, b + b
+
+
+@njit(**_JIT)
+def _cubics(a0, a1, a2, a3, n0, n1, n2, n3, half, sixth):
+    """Coefficients of the cubic through four nodes at −1, 0, 1, 2, for every cell."""
+    for k in range(a0.shape[0]):
+        p, q, r, s = n0[k], n1[k], n2[k], n3[k]
+        middle = r - q
+        even = half * (p + r) - q
+        odd = sixth * (s - p) - half * middle
+        a0[k], a1[k], a2[k], a3[k] = q, middle - even - odd, even, odd
+
+
+@njit(**_JIT)
+def _coefficients(coef, ring, first, w, turn_c, turn_s, mixed, const):
+    """One pixel row's cubics along x, coef (4 M, cells), from four rows of nodes: ring (4, M·K), place by number."""
+    a, b, c, d = ring[first % 4], ring[(first + 1) % 4], ring[(first + 2) % 4], ring[(first + 3) % 4]
+    cells, kinds = coef.shape[1], coef.shape[0] // 4
+    _weighted(mixed.reshape(-1), a, b, c, d, w[0], w[1], w[2], w[3])
+    if kinds == 5:
+        _rotated(mixed[0], mixed[1], mixed[2], mixed[3], mixed[4], turn_c, turn_s)
+    for h in range(kinds):
+        m, at = mixed[h], 4 * h
+        _cubics(coef[at], coef[at + 1], coef[at + 2], coef[at + 3], m[:cells], m[1:], m[2:], m[3:], const[0], const[1])
+
+
+def _lanes(kinds, fresh, name):
+    """``LANES`` neighbouring pixels at once, written in the compiler's own vectors.
+
+    The loop over the pixels of a cell is too short for the compiler to vectorise by itself; its coefficients, a tuple
+    of 4·kinds numbers, stay in registers. Sets out[x:] to pattern·image + value, or adds the value.
+    """
+
+    def typed(context, out, pattern, image, cosine, sine, t, x, p, coef):
+        def code(target, builder, signature, args):
+            real = target.get_data_type(out.dtype)
+            lanes, size = ir.VectorType(real, LANES), target.get_abi_sizeof(real)
+            nothing, zeros = ir.Constant(lanes, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), LANES), None)
+            data = [target.make_array(kind)(target, builder, value).data
+                    for kind, value in zip(signature.args[:6], args[:6], strict=True)]  # fmt: skip
+
+            def place(n, at):
+                return builder.bitcast(builder.gep(data[n], [at]), lanes.as_pointer())
+
+            def load(n, at):
+                return builder.load(place(n, at), align=size)
+
+            def all_of(number):
+                one = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
+                return builder.shuffle_vector(one, nothing, zeros)
+
+            def fused(a, b, c):
+                return builder.fadd(builder.fmul(a, b, flags=("contract",)), c, flags=("contract",))
+
+            along = load(5, args[7])
+            number = cgutils.unpack_tuple(builder, args[8], 4 * kinds)
+
+            def value(h):
+                total = all_of(number[4 * h + 3])
+                for d in (2, 1, 0):
+                    total = fused(total, along, all_of(number[4 * h + d]))
+                return total
+
+            total = value(0)
+            if kinds == 5:
+                c, s = load(3, args[6]), load(4, args[6])
+                turned = fused(s, value(4), fused(c, value(3), value(1)))
+                total = fused(s, value(2), fused(c, turned, total))
+            if fresh:
+                total = fused(load(1, args[6]), load(2, args[6]), total)
             else:
-                _tile5(tile, tiles[block, part], field[block], turned[4 * part :])
-            for r in range(min(4, out.shape[0] - 4 * part)):
-                _add(out[4 * part + r, x:end], tile[r * BLOCK :])
+                total = builder.fadd(load(0, args[6]), total)
+            builder.store(total, place(0, args[6]), align=size)
+            return target.get_dummy_value()
+
+        return types.void(out, pattern, image, cosine, sine, t, x, p, coef), code
+
+    typed.__name__ = typed.__qualname__ = name
+    return intrinsic(typed)
+
+
+_set1, _add1 = _lanes(1, True, "_set1"), _lanes(1, False, "_add1")
+_set5, _add5 = _lanes(5, True, "_set5"), _lanes(5, False, "_add5")
+
+
+@njit(**_JIT)
+def _cubic_at(a, h, u):
+    return ((a[4 * h + 3] * u + a[4 * h + 2]) * u + a[4 * h + 1]) * u + a[4 * h]
+
+
+@njit(**_JIT)
+def _cells1(out, pattern, image, cosine, sine, t, coef, fresh):
+    """A row without harmonics: see ``_cells5``."""
+    pitch = t.shape[0]
+    for k in range(coef.shape[1]):
+        a = (coef[0, k], coef[1, k], coef[2, k], coef[3, k])
+        start = k * pitch
+        if start + pitch <= out.shape[0]:
+            for p in range(0, pitch, LANES):
+                if fresh:
+                    _set1(out, pattern, image, cosine, sine, t, start + p, p, a)
+                else:
+                    _add1(out, pattern, image, cosine, sine, t, start + p, p, a)
+        else:
+            for x in range(start, out.shape[0]):
+                before = pattern[x] * image[x] if fresh else out[x]
+                out[x] = before + _cubic_at(a, 0, t[x - start])
+
+
+@njit(**_JIT)
+def _cells5(out, pattern, image, cosine, sine, t, coef, fresh):
+    """A row of pixels from its cubics: set to pattern·image + smooth layers if fresh, else these are added."""
+    pitch = t.shape[0]
+    for k in range(coef.shape[1]):
+        a = (
+            coef[0, k], coef[1, k], coef[2, k], coef[3, k], coef[4, k], coef[5, k], coef[6, k], coef[7, k], coef[8, k],
+            coef[9, k], coef[10, k], coef[11, k], coef[12, k], coef[13, k], coef[14, k], coef[15, k], coef[16, k],
+            coef[17, k], coef[18, k], coef[19, k],
+        )  # fmt: skip
+        start = k * pitch
+        if start + pitch <= out.shape[0]:
+            for p in range(0, pitch, LANES):
+                if fresh:
+                    _set5(out, pattern, image, cosine, sine, t, start + p, p, a)
+                else:
+                    _add5(out, pattern, image, cosine, sine, t, start + p, p, a)
+        else:
+            for x in range(start, out.shape[0]):
+                u, c, s = t[x - start], cosine[x], sine[x]
+                turned = _cubic_at(a, 1, u) + c * _cubic_at(a, 3, u) + s * _cubic_at(a, 4, u)
+                before = pattern[x] * image[x] if fresh else out[x]
+                out[x] = before + (_cubic_at(a, 0, u) + s * _cubic_at(a, 2, u) + c * turned)
 
 
 @njit(**_JIT)
 def frame_rows(
-    out, pattern, image, index, weight, tiles, envelope, coarse, row, row_weight, table, base_x, shift_x, base_y,
-    shift_y, field, first, last,
-):  # fmt: skip
+    out, pattern, image, index, weight, carrier, turn, envelope, coarse, row, row_weight, table, t, const, first, last
+):
     """Rows first…last − 1 of a frame, set: one sharp layer and all smooth layers. ``first`` starts a cell.
 
-    out (R, X); pattern, image, index, weight: see ``sharp_rows``; tiles: of the nominal phase, see ``carrier_tiles``
-    envelope (E, M, N, K): of 1, and with M = 5 of cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes
+    The last axis of every array has to be contiguous.
+
+    out (R, X); pattern, image, index, weight: see ``sharp_rows``
+    carrier (2, cells, X): cos and sin of the nominal phase on the first row of each cell; turn (2, R, K): of what each
+    row is ahead of it, at the nodes
+    envelope (E, M, N, K): of 1, and with M = 5 of cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the
+    first one pitch before the zone
     coarse (E, V, K): the layers' images on coarse rows along track and on the nodes across it
     row, row_weight (E, N, 4): which coarse rows make up each row of nodes in this frame
-    table (3, 4, pitch): Lagrange weights at the pixels after the first, second, third of four nodes
-    base, shift (cells,): first of the four nodes of each cell of pixels, and in which of their three gaps it lies
-    field (blocks, 4·M·BLOCK): work space of this call alone: the four rows of nodes in use, row i in place i mod 4, so
-    that they stay in the second-level cache
+    table (pitch, 4), t (pitch,): Lagrange weights, and places, of the pixels between the second and third of four nodes
+    const: 1/2 and 1/6 in the arrays' type
     """
-    pitch, kinds, columns = table.shape[2], envelope.shape[1], out.shape[1]
-    line, node = np.empty(envelope.shape[3], out.dtype), np.empty((kinds, envelope.shape[3]), out.dtype)
-    pixels, tile = np.empty(columns, out.dtype), np.empty(4 * BLOCK, out.dtype)
-    turned = np.empty((pitch, 4), out.dtype)
-    done = base_y[first // pitch]
-    for cell in range(first // pitch, (last - 1) // pitch + 1):
-        low, high = cell * pitch, min(last, (cell + 1) * pitch)
-        b = base_y[cell]
-        for i in range(done, b + 4):
-            _node_row(field, envelope, coarse, row, row_weight, table, base_x, shift_x, i, line, node, pixels)
-        done = b + 4
-        for t in range(4):
-            for p in range(pitch):
-                turned[p, (b + t) % 4] = table[shift_y[cell], t, p]
-        for j in range(low, high):
+    pitch, kinds, nodes = t.shape[0], envelope.shape[1], envelope.shape[3]
+    ring, mixed = np.empty((4, kinds, nodes), out.dtype), np.empty((kinds, nodes), out.dtype)
+    line, coef = np.empty(nodes, out.dtype), np.empty((4 * kinds, nodes - 3), out.dtype)
+    flat = ring.reshape(4, -1)
+    fresh = pattern.shape[0] == 1 and index.shape[1] == 1
+    done = first // pitch
+    for j in range(first, last):
+        cell = j // pitch
+        for i in range(done, cell + 4):
+            _node_row(ring[i % 4], envelope, coarse, row, row_weight, i, line)
+        done = cell + 4
+        _coefficients(coef, flat, cell, table[j - cell * pitch], turn[0, j], turn[1, j], mixed, const)
+        if not fresh:
             _sharp_row(out[j], pattern, image, index, weight, j, False)
-        _cell(out[low:high], tiles[cell], field, turned, tile)
+        one, c, s = image[0, index[j, 0]], carrier[0, cell], carrier[1, cell]
+        if kinds == 1:
+            _cells1(out[j], pattern[0, j], one, c, s, t, coef, fresh)
+        else:
+            _cells5(out[j], pattern[0, j], one, c, s, t, coef, fresh)
 
 
 @njit(**_JIT)
