@@ -69,7 +69,7 @@ class Warped:
 @dataclass(frozen=True)
 class Smooth:
     """All smooth layers on one grid: see ``kernels.frames.frame_rows``. row (E, N): coarse rows at scroll 0; step:
-    rows of the scene per coarse row; size: coarse rows of each layer, both (E, 1)."""
+    rows of the scene per coarse row; size: coarse rows of each layer, both (E,)."""
 
     grid: smooth.Grid
     carrier: Real
@@ -120,7 +120,6 @@ class Beams:
             raise InputError("frames", "out", f"{out.dtype} {out.shape}", "does not fit the frame",
                              f"give a contiguous {np.dtype(self.dtype)} array of {(rows, columns)}")  # fmt: skip
         ready = [self._rows_of(term, shift) for term in self.sharp]
-        coarse = None if self.smooth is None else self._coarse_rows(self.smooth, shift)
         unit = 4 if self.smooth is None else self.smooth.grid.pitch
         half = -(-rows // (2 * unit)) * unit
         spans = [(0, rows)] if pool is None or half >= rows else [(0, half), (half, rows)]
@@ -128,8 +127,8 @@ class Beams:
         def work(part: int) -> None:
             first, last = spans[part]
             for number, (term, (index, weight)) in enumerate(zip(self.sharp, ready, strict=True)):
-                if number == 0 and self.smooth is not None and coarse is not None:
-                    self._fused(out, term, index, weight, coarse, first, last)
+                if number == 0 and self.smooth is not None:
+                    self._fused(self.smooth, shift, out, term, index, weight, first, last)
                 else:
                     kernels.sharp_rows(out, term.pattern, term.image, index, weight, first, last, number > 0)
             for turned in self.warped:
@@ -149,14 +148,11 @@ class Beams:
             self._rows_of(term, shift)
 
     def _fused(
-        self, out: Real, term: Sharp, index: Index, weight: Real, coarse: tuple[Index, Real], first: int, last: int
+        self, s: Smooth, shift: float, out: Real, term: Sharp, index: Index, weight: Real, first: int, last: int
     ) -> None:
-        s = self.smooth
-        assert s is not None
-        g = s.grid
         kernels.frame_rows(
-            out, term.pattern, term.image, index, weight, s.carrier, s.turn, s.envelope, s.coarse, *coarse, g.table, g.t,
-            np.array([0.5, 1.0 / 6.0], self.dtype), first, last,
+            out, term.pattern, term.image, index, weight, s.carrier, s.turn, s.envelope, s.coarse, s.row, shift / s.step,
+            s.size, self.wrap, s.grid.table, first, last,
         )  # fmt: skip
 
     def _rows_of(self, term: Sharp, shift: float) -> tuple[Index, Real]:
@@ -179,10 +175,6 @@ class Beams:
         if missing > 0:
             raise InputError("frames", "scene", f"{self.height} rows", f"the scroll needs {missing} rows more",
                              "give a longer scene, fewer frames, or let it repeat along track (tile)")  # fmt: skip
-
-    def _coarse_rows(self, s: Smooth, shift: float) -> tuple[Index, Real]:
-        index, weight = smooth.taps(s.row + shift / s.step, s.size, self.wrap)
-        return index, weight.astype(self.dtype)
 
 
 def prepare(
@@ -418,10 +410,12 @@ def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: 
     coarse: Real = np.zeros((len(size), int(size.max()), len(where.nodes[1])), dtype)
     for number, image in enumerate(image for part in parts for image in part.coarse):
         coarse[number, : len(image)] = image
+    every = np.concatenate([part.envelope for part in parts])  # (E, M, N, K)
+    envelope = np.ascontiguousarray(np.moveaxis(every, 2, 0)).reshape(len(where.nodes[0]), len(every), -1)
     return Smooth(
-        where, *smooth.carriers(phase, where, dtype), np.concatenate([part.envelope for part in parts]), coarse,
+        where, *smooth.carriers(phase, where, dtype), envelope, coarse,
         np.repeat([part.row for part in parts], modes, axis=0),
-        np.repeat([part.step for part in parts], modes)[:, None], size[:, None],
+        np.repeat([part.step for part in parts], modes), size,
     )  # fmt: skip
 
 

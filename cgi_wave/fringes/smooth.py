@@ -30,14 +30,13 @@ class Grid:
     """Nodes every ``pitch`` pixels, the first one pitch before pixel (0, 0) and the last beyond the end, so that every
     cell of pixels lies between the second and third of four nodes.
 
-    table (pitch, 4), t (pitch,) : weights and places of a cell's pixels
+    table (4, pitch) : weights of the nodes at a cell's pixels
     """
 
     pitch: int
     rows: int
     columns: int
     table: Real
-    t: Real
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -53,8 +52,7 @@ class Grid:
 
 def grid(shape: tuple[int, int], pitch: int, dtype: type) -> Grid:
     """The grid of a zone."""
-    t = np.arange(pitch) / pitch
-    return Grid(pitch, *shape, np.ascontiguousarray(lagrange(t).T, dtype=dtype), t.astype(dtype))
+    return Grid(pitch, *shape, lagrange(np.arange(pitch) / pitch).astype(dtype))
 
 
 def carriers(phase: Array, where: Grid, dtype: type) -> tuple[Real, Real]:

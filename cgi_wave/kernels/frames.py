@@ -5,7 +5,7 @@ sum holds sharp layers, read row by row, with one, two or four rows of the scene
 second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every ``pitch``
 pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation:
 along y on the nodes, once per row of pixels, then along x inside the loop over pixels, where all pixels of a cell share
-four numbers per harmonic. The carriers cos θ, sin θ are held for one row per cell: to the other rows the envelopes are
+four nodes per harmonic. The carriers cos θ, sin θ are held for one row per cell: to the other rows the envelopes are
 turned, on the nodes. So a frame moves hardly more memory than pattern, image and result take.
 
 All arrays of one call share one floating type, so that nothing is converted on the way. Loops over pixels are functions
@@ -129,21 +129,43 @@ def _weighted(total, a, b, c, d, wa, wb, wc, wd):
 
 
 @njit(**_JIT)
-def _times(total, a, b):
-    for n in range(total.shape[0]):
-        total[n] += a[n] * b[n]
+def _start(place, size, wrap):
+    """First of the four samples of a line that make up a place on it, and how far beyond the second it lies.
+
+    The line repeats if ``wrap``; else its ends go on, and there four samples on one side serve (as ``smooth.taps``).
+    """
+    if not wrap:
+        place = min(max(place, 0.0), size - 1.0)
+    start = np.floor(place)
+    if not wrap:
+        start = min(max(start, 1.0), size - 3.0)
+    return int(start) - 1, place - start
 
 
 @njit(**_JIT)
-def _node_row(node, envelope, coarse, row, row_weight, i, line):
-    """Row i of nodes (M, K): all smooth layers' envelopes times their images, added up."""
-    node[:, :] = 0.0
-    for e in range(envelope.shape[0]):
-        at, w = row[e, i], row_weight[e, i]
-        a, b, c, d = coarse[e, at[0]], coarse[e, at[1]], coarse[e, at[2]], coarse[e, at[3]]
-        _weighted(line, a, b, c, d, w[0], w[1], w[2], w[3])
-        for h in range(envelope.shape[1]):
-            _times(node[h], envelope[e, h, i], line)
+def _lines(line, coarse, row, shift, size, wrap, i, w):
+    """Images of all layers on row i of nodes, once per kind: line (E, M, K)."""
+    for e in range(line.shape[0]):
+        first, t = _start(row[e, i] + shift[e], size[e], wrap)
+        cubic(t, w, 4)
+        a, b, c, d = first, first + 1, first + 2, first + 3
+        if wrap:
+            a, b, c, d = a % size[e], b % size[e], c % size[e], d % size[e]
+        wa, wb, wc, wd = w[0], w[1], w[2], w[3]
+        for k in range(line.shape[2]):
+            line[e, 0, k] = wa * coarse[e, a, k] + wb * coarse[e, b, k] + wc * coarse[e, c, k] + wd * coarse[e, d, k]
+        for h in range(1, line.shape[1]):
+            for k in range(line.shape[2]):
+                line[e, h, k] = line[e, 0, k]
+
+
+@njit(**_JIT)
+def _sum_of_products(total, a, b):
+    """total[n] = Σ_e a[e, n] b[e, n]."""
+    total[:] = 0.0
+    for e in range(a.shape[0]):
+        for n in range(total.shape[0]):
+            total[n] += a[e, n] * b[e, n]
 
 
 @njit(**_JIT)
@@ -164,37 +186,24 @@ def _rotated(plain, c1, s1, c2, s2, turn_c, turn_s):
 
 
 @njit(**_JIT)
-def _cubics(a0, a1, a2, a3, n0, n1, n2, n3, half, sixth):
-    """Coefficients of the cubic through four nodes at −1, 0, 1, 2, for every cell."""
-    for k in range(a0.shape[0]):
-        p, q, r, s = n0[k], n1[k], n2[k], n3[k]
-        middle = r - q
-        even = half * (p + r) - q
-        odd = sixth * (s - p) - half * middle
-        a0[k], a1[k], a2[k], a3[k] = q, middle - even - odd, even, odd
-
-
-@njit(**_JIT)
-def _coefficients(coef, ring, first, w, turn_c, turn_s, mixed, const):
-    """One pixel row's cubics along x, coef (4 M, cells), from four rows of nodes: ring (4, M·K), place by number."""
+def _mixed(out, ring, first, w, turn_c, turn_s):
+    """Nodes of one pixel row, (M·K), from four rows of nodes: ring (4, M·K), place by number mod 4."""
     a, b, c, d = ring[first % 4], ring[(first + 1) % 4], ring[(first + 2) % 4], ring[(first + 3) % 4]
-    cells, kinds = coef.shape[1], coef.shape[0] // 4
-    _weighted(mixed.reshape(-1), a, b, c, d, w[0], w[1], w[2], w[3])
-    if kinds == 5:
-        _rotated(mixed[0], mixed[1], mixed[2], mixed[3], mixed[4], turn_c, turn_s)
-    for h in range(kinds):
-        m, at = mixed[h], 4 * h
-        _cubics(coef[at], coef[at + 1], coef[at + 2], coef[at + 3], m[:cells], m[1:], m[2:], m[3:], const[0], const[1])
+    _weighted(out, a, b, c, d, w[0], w[1], w[2], w[3])
+    nodes = turn_c.shape[0]
+    if out.shape[0] > nodes:
+        _rotated(out[:nodes], out[nodes : 2 * nodes], out[2 * nodes : 3 * nodes], out[3 * nodes : 4 * nodes],
+                 out[4 * nodes :], turn_c, turn_s)  # fmt: skip
 
 
 def _lanes(kinds, fresh, name):
     """``LANES`` neighbouring pixels at once, written in the compiler's own vectors.
 
-    The loop over the pixels of a cell is too short for the compiler to vectorise by itself; its coefficients, a tuple
-    of 4·kinds numbers, stay in registers. Sets out[x:] to pattern·image + value, or adds the value.
+    The loop over the pixels of a cell is too short for the compiler to vectorise by itself; the four nodes of each
+    kind, a tuple of numbers, stay in registers. Sets out[x:] to pattern·image + value, or adds the value.
     """
 
-    def typed(context, out, pattern, image, cosine, sine, t, x, p, coef):
+    def typed(context, out, pattern, image, cosine, sine, w, x, p, node):
         def code(target, builder, signature, args):
             real = target.get_data_type(out.dtype)
             lanes, size = ir.VectorType(real, LANES), target.get_abi_sizeof(real)
@@ -215,20 +224,24 @@ def _lanes(kinds, fresh, name):
             def fused(a, b, c):
                 return builder.fadd(builder.fmul(a, b, flags=("contract",)), c, flags=("contract",))
 
-            along = load(5, args[7])
             number = cgutils.unpack_tuple(builder, args[8], 4 * kinds)
+            _, pitch = cgutils.unpack_tuple(builder, target.make_array(w)(target, builder, args[5]).shape, 2)
+            at = [builder.add(args[7], builder.mul(pitch, ir.Constant(pitch.type, d))) for d in range(4)]
+            weight = [load(5, a) for a in at]
 
-            def value(h):
-                total = all_of(number[4 * h + 3])
-                for d in (2, 1, 0):
-                    total = fused(total, along, all_of(number[4 * h + d]))
+            turn = (load(3, args[6]), load(4, args[6])) if kinds == 5 else None
+
+            def value(d):
+                total = all_of(number[d])
+                if turn is not None:
+                    c, s = turn
+                    inner = fused(s, all_of(number[16 + d]), fused(c, all_of(number[12 + d]), all_of(number[4 + d])))
+                    total = fused(c, inner, fused(s, all_of(number[8 + d]), total))
                 return total
 
-            total = value(0)
-            if kinds == 5:
-                c, s = load(3, args[6]), load(4, args[6])
-                turned = fused(s, value(4), fused(c, value(3), value(1)))
-                total = fused(s, value(2), fused(c, turned, total))
+            total = builder.fmul(weight[0], value(0), flags=("contract",))
+            for d in (1, 2, 3):
+                total = fused(weight[d], value(d), total)
             if fresh:
                 total = fused(load(1, args[6]), load(2, args[6]), total)
             else:
@@ -236,7 +249,31 @@ def _lanes(kinds, fresh, name):
             builder.store(total, place(0, args[6]), align=size)
             return target.get_dummy_value()
 
-        return types.void(out, pattern, image, cosine, sine, t, x, p, coef), code
+        return types.void(out, pattern, image, cosine, sine, w, x, p, node), code
+
+    typed.__name__ = typed.__qualname__ = name
+    return intrinsic(typed)
+
+
+def _nodes(kinds, name):
+    """A tuple of the nodes k … k + 3 of each kind, of a line that holds ``nodes`` of them per kind.
+
+    A compiled function that returned so long a tuple would be called, and hand it over through memory.
+    """
+
+    def typed(context, node, k, nodes):
+        found = types.UniTuple(node.dtype, 4 * kinds)
+
+        def code(target, builder, signature, args):
+            data = target.make_array(signature.args[0])(target, builder, args[0]).data
+            numbers = []
+            for h in range(kinds):
+                start = builder.add(args[1], builder.mul(args[2], ir.Constant(args[2].type, h)))
+                for d in range(4):
+                    numbers.append(builder.load(builder.gep(data, [builder.add(start, ir.Constant(start.type, d))])))
+            return target.make_tuple(builder, found, numbers)
+
+        return found(node, k, nodes), code
 
     typed.__name__ = typed.__qualname__ = name
     return intrinsic(typed)
@@ -244,60 +281,69 @@ def _lanes(kinds, fresh, name):
 
 _set1, _add1 = _lanes(1, True, "_set1"), _lanes(1, False, "_add1")
 _set5, _add5 = _lanes(5, True, "_set5"), _lanes(5, False, "_add5")
+_nodes1, _nodes5 = _nodes(1, "_nodes1"), _nodes(5, "_nodes5")
 
 
 @njit(**_JIT)
-def _cubic_at(a, h, u):
-    return ((a[4 * h + 3] * u + a[4 * h + 2]) * u + a[4 * h + 1]) * u + a[4 * h]
+def _between(n, h, w, p):
+    return w[0, p] * n[4 * h] + w[1, p] * n[4 * h + 1] + w[2, p] * n[4 * h + 2] + w[3, p] * n[4 * h + 3]
 
 
 @njit(**_JIT)
-def _cells1(out, pattern, image, cosine, sine, t, coef, fresh):
-    """A row without harmonics: see ``_cells5``."""
-    pitch = t.shape[0]
-    for k in range(coef.shape[1]):
-        a = (coef[0, k], coef[1, k], coef[2, k], coef[3, k])
-        start = k * pitch
-        if start + pitch <= out.shape[0]:
-            for p in range(0, pitch, LANES):
-                if fresh:
-                    _set1(out, pattern, image, cosine, sine, t, start + p, p, a)
-                else:
-                    _add1(out, pattern, image, cosine, sine, t, start + p, p, a)
-        else:
-            for x in range(start, out.shape[0]):
-                before = pattern[x] * image[x] if fresh else out[x]
-                out[x] = before + _cubic_at(a, 0, t[x - start])
+def _pixel5(n, w, p, c, s):
+    turned = _between(n, 1, w, p) + c * _between(n, 3, w, p) + s * _between(n, 4, w, p)
+    return _between(n, 0, w, p) + s * _between(n, 2, w, p) + c * turned
 
 
 @njit(**_JIT)
-def _cells5(out, pattern, image, cosine, sine, t, coef, fresh):
-    """A row of pixels from its cubics: set to pattern·image + smooth layers if fresh, else these are added."""
-    pitch = t.shape[0]
-    for k in range(coef.shape[1]):
-        a = (
-            coef[0, k], coef[1, k], coef[2, k], coef[3, k], coef[4, k], coef[5, k], coef[6, k], coef[7, k], coef[8, k],
-            coef[9, k], coef[10, k], coef[11, k], coef[12, k], coef[13, k], coef[14, k], coef[15, k], coef[16, k],
-            coef[17, k], coef[18, k], coef[19, k],
-        )  # fmt: skip
-        start = k * pitch
-        if start + pitch <= out.shape[0]:
-            for p in range(0, pitch, LANES):
-                if fresh:
-                    _set5(out, pattern, image, cosine, sine, t, start + p, p, a)
-                else:
-                    _add5(out, pattern, image, cosine, sine, t, start + p, p, a)
-        else:
-            for x in range(start, out.shape[0]):
-                u, c, s = t[x - start], cosine[x], sine[x]
-                turned = _cubic_at(a, 1, u) + c * _cubic_at(a, 3, u) + s * _cubic_at(a, 4, u)
-                before = pattern[x] * image[x] if fresh else out[x]
-                out[x] = before + (_cubic_at(a, 0, u) + s * _cubic_at(a, 2, u) + c * turned)
+def _set_row1(out, pattern, image, cosine, sine, w, node):
+    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0]
+    for k in range(whole):
+        n = _nodes1(node, k, nodes)
+        for p in range(0, pitch, LANES):
+            _set1(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
+    for x in range(whole * pitch, out.shape[0]):
+        out[x] = pattern[x] * image[x] + _between(_nodes1(node, whole, nodes), 0, w, x - whole * pitch)
+
+
+@njit(**_JIT)
+def _add_row1(out, pattern, image, cosine, sine, w, node):
+    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0]
+    for k in range(whole):
+        n = _nodes1(node, k, nodes)
+        for p in range(0, pitch, LANES):
+            _add1(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
+    for x in range(whole * pitch, out.shape[0]):
+        out[x] += _between(_nodes1(node, whole, nodes), 0, w, x - whole * pitch)
+
+
+@njit(**_JIT)
+def _set_row5(out, pattern, image, cosine, sine, w, node):
+    """A row of pixels: pattern·image and, from its nodes (M·K), all smooth layers. Of ``_add_row5`` the latter alone."""
+    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0] // 5
+    for k in range(whole):
+        n = _nodes5(node, k, nodes)
+        for p in range(0, pitch, LANES):
+            _set5(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
+    for x in range(whole * pitch, out.shape[0]):
+        n = _nodes5(node, whole, nodes)
+        out[x] = pattern[x] * image[x] + _pixel5(n, w, x - whole * pitch, cosine[x], sine[x])
+
+
+@njit(**_JIT)
+def _add_row5(out, pattern, image, cosine, sine, w, node):
+    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0] // 5
+    for k in range(whole):
+        n = _nodes5(node, k, nodes)
+        for p in range(0, pitch, LANES):
+            _add5(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
+    for x in range(whole * pitch, out.shape[0]):
+        out[x] += _pixel5(_nodes5(node, whole, nodes), w, x - whole * pitch, cosine[x], sine[x])
 
 
 @njit(**_JIT)
 def frame_rows(
-    out, pattern, image, index, weight, carrier, turn, envelope, coarse, row, row_weight, table, t, const, first, last
+    out, pattern, image, index, weight, carrier, turn, envelope, coarse, row, shift, size, wrap, table, first, last
 ):
     """Rows first…last − 1 of a frame, set: one sharp layer and all smooth layers. ``first`` starts a cell.
 
@@ -306,32 +352,39 @@ def frame_rows(
     out (R, X); pattern, image, index, weight: see ``sharp_rows``
     carrier (2, cells, X): cos and sin of the nominal phase on the first row of each cell; turn (2, R, K): of what each
     row is ahead of it, at the nodes
-    envelope (E, M, N, K): of 1, and with M = 5 of cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the
+    envelope (N, E, M·K): of 1, and with M = 5 of cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the
     first one pitch before the zone
     coarse (E, V, K): the layers' images on coarse rows along track and on the nodes across it
-    row, row_weight (E, N, 4): which coarse rows make up each row of nodes in this frame
-    table (pitch, 4), t (pitch,): Lagrange weights, and places, of the pixels between the second and third of four nodes
-    const: 1/2 and 1/6 in the arrays' type
+    row (E, N): place of each row of nodes among the coarse rows at scroll 0; shift (E,): by how many of them the ground
+    has moved; size (E,): their number, four at least; wrap: they repeat
+    table (4, pitch): Lagrange weights of the pixels between the second and third of four nodes
     """
-    pitch, kinds, nodes = t.shape[0], envelope.shape[1], envelope.shape[3]
-    ring, mixed = np.empty((4, kinds, nodes), out.dtype), np.empty((kinds, nodes), out.dtype)
-    line, coef = np.empty(nodes, out.dtype), np.empty((4 * kinds, nodes - 3), out.dtype)
-    flat = ring.reshape(4, -1)
+    pitch, nodes = table.shape[1], coarse.shape[2]
+    kinds = envelope.shape[2] // nodes
+    ring, mixed = np.empty((4, kinds * nodes), out.dtype), np.empty(kinds * nodes, out.dtype)
+    line, along = np.empty((envelope.shape[1], kinds, nodes), out.dtype), table.T.copy()
+    w = np.empty(4, out.dtype)
+    products = line.reshape(line.shape[0], kinds * nodes)
     fresh = pattern.shape[0] == 1 and index.shape[1] == 1
     done = first // pitch
     for j in range(first, last):
         cell = j // pitch
         for i in range(done, cell + 4):
-            _node_row(ring[i % 4], envelope, coarse, row, row_weight, i, line)
+            _lines(line, coarse, row, shift, size, wrap, i, w)
+            _sum_of_products(ring[i % 4], envelope[i], products)
         done = cell + 4
-        _coefficients(coef, flat, cell, table[j - cell * pitch], turn[0, j], turn[1, j], mixed, const)
+        _mixed(mixed, ring, cell, along[j - cell * pitch], turn[0, j], turn[1, j])
         if not fresh:
             _sharp_row(out[j], pattern, image, index, weight, j, False)
         one, c, s = image[0, index[j, 0]], carrier[0, cell], carrier[1, cell]
-        if kinds == 1:
-            _cells1(out[j], pattern[0, j], one, c, s, t, coef, fresh)
+        if kinds == 1 and fresh:
+            _set_row1(out[j], pattern[0, j], one, c, s, table, mixed)
+        elif kinds == 1:
+            _add_row1(out[j], pattern[0, j], one, c, s, table, mixed)
+        elif fresh:
+            _set_row5(out[j], pattern[0, j], one, c, s, table, mixed)
         else:
-            _cells5(out[j], pattern[0, j], one, c, s, t, coef, fresh)
+            _add_row5(out[j], pattern[0, j], one, c, s, table, mixed)
 
 
 @njit(**_JIT)
