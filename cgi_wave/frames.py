@@ -215,7 +215,8 @@ def zone_on(field: FringeField, scene: Scene, phase: Array) -> Zone:
     """The field's pixels on a placed scene. phase (R, X) : rad, of the nominal OPD."""
     x, y = field.x_pixels, field.y_pixels
     column, row = ((at - origin) / scene.pixel_m for at, origin in zip((x[0], y[0]), scene.origin_m, strict=True))
-    return Zone(x, y, _whole(row), _whole(column), phase)
+    dark = tuple(row for first, last in dead_rows(field) for row in range(first, last))
+    return Zone(x, y, _whole(row), _whole(column), phase, dark)
 
 
 def errors_of(ready: Ready) -> dict[str, float]:

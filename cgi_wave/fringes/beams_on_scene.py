@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
 from cgi_wave.fringes import blur, smooth
+from cgi_wave.fringes.field import SceneView
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.pattern import Layer
 from cgi_wave.kernels import frames as kernels
@@ -68,13 +69,15 @@ class Warped:
 
 @dataclass(frozen=True)
 class Smooth:
-    """All smooth layers on one grid: see ``kernels.frames.frame_rows``. row (E, N): coarse rows at scroll 0; step:
-    rows of the scene per coarse row; size: coarse rows of each layer, both (E,)."""
+    """All smooth layers on one grid, those with fringes first: see ``kernels.frames.frame_rows``. row (E, N): coarse
+    rows at scroll 0; step: rows of the scene per coarse row; size: coarse rows of each layer, both (E,)."""
 
     grid: smooth.Grid
     carrier: Real
     turn: Real
-    envelope: Real
+    own: Index
+    fringed: Real
+    plain: Real
     coarse: Real
     row: Array
     step: Array
@@ -151,8 +154,8 @@ class Beams:
         self, s: Smooth, shift: float, out: Real, term: Sharp, index: Index, weight: Real, first: int, last: int
     ) -> None:
         kernels.frame_rows(
-            out, term.pattern, term.image, index, weight, s.carrier, s.turn, s.envelope, s.coarse, s.row, shift / s.step,
-            s.size, self.wrap, s.grid.table, first, last,
+            out, term.pattern, term.image, index, weight, s.carrier, s.turn, s.own, s.fringed, s.plain, s.coarse,
+            s.row, shift / s.step, s.size, self.wrap, s.grid.table, first, last,
         )  # fmt: skip
 
     def _rows_of(self, term: Sharp, shift: float) -> tuple[Index, Real]:
@@ -203,56 +206,53 @@ def prepare(
     _check(layers, maps, zone)
     maps = np.ascontiguousarray(maps, dtype=dtype)
     scale = float(np.abs(maps).max()) or 1.0
-    share = tolerance * scale / len(layers)
+    budget = tolerance * scale
+    blurs = [_blur_of(layer, maps, 0.5 * budget / len(layers), scale, precision == "float32") for layer in layers]
+    together, found = _smooth(layers, blurs, maps, zone, 0.5 * budget, scale, tile, dtype)
+    left = [number for number in range(len(layers)) if number not in found]
+    share = 0.5 * budget / len(left)
     sharp: list[Sharp] = []
     warped: list[Warped] = []
     plans: list[LayerPlan] = []
-    candidates: list[tuple[str, str, dict[int, _Candidate]]] = []
-    envelopes = (
-        smooth.Envelopes(zone)
-        if any(layer.view is not None and layer.view.kernel.size > 1 for layer in layers)
-        else None
-    )
-    for number, layer in enumerate(layers):
-        affine = IDENTITY if layer.view is None else layer.view.affine
-        kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
+    for number, (layer, how) in enumerate(zip(layers, blurs, strict=True)):
         weight = float(np.abs(layer.pattern).max()) or 1.0
-        allowed = share / (2.0 * weight * scale)
-        how = blur.choose(kernel, allowed, maps.shape[1] * maps.shape[2], precision == "float32")
-        blurred = kernel is not None and how.method != "nothing"
-        seen, margin = _blurred(maps, how, kernel, tile) if blurred and kernel is not None else (maps, (0, 0))
-        if number and blurred and envelopes is not None and _keeps_rows(affine, zone, seen, share / weight):
-            found = _smooth_candidates(
-                layer, seen, margin, zone, envelopes, share / 2.0, share * len(layers) / 2.0, tile, dtype
-            )
-            if found:
-                candidates.append((layer.name, how.method, found))
-                continue
-        count = 4 if blurred or interpolation == "cubic" else 2
+        error = weight * scale * how.error
+        if number in found:
+            assert together is not None
+            plans.append(LayerPlan(layer.name, "smooth", how.method, together.grid.pitch, error + found[number]))
+            continue
+        affine = IDENTITY if layer.view is None else layer.view.affine
+        seen, margin = _blurred(maps, how, layer.view, tile)
+        count = 4 if how.method != "nothing" or interpolation == "cubic" else 2
         pattern = np.ascontiguousarray(layer.pattern, dtype=dtype)
         column, row = _places(affine, zone, margin)
-        error = weight * scale * how.error + weight * _reading(seen, count)
-        if _keeps_rows(affine, zone, seen, share / weight):
-            sharp.append(
-                Sharp(layer.name, pattern, _columns(seen, column[0], count), row[:, 0], count, margin[0], number == 0)
-            )
-            plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error))
+        error += weight * _reading(seen, count)
+        turning = weight * _turning(affine, zone, seen)
+        if turning <= share:
+            middle = zone.shape[0] // 2, zone.shape[1] // 2
+            image = _columns(seen, column[middle[0]], count)
+            sharp.append(Sharp(layer.name, pattern, image, row[:, middle[1]], count, margin[0], number == 0))
+            plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error + turning))
         else:
             warped.append(Warped(layer.name, pattern, seen, column, row, count))
             plans.append(LayerPlan(layer.name, "warped", how.method, 1, error))
-    together = _together(candidates, share / 2.0, zone, dtype) if candidates else None
-    if together is not None:
-        pitch = together.grid.pitch
-        plans += [LayerPlan(name, "smooth", how, pitch, found[pitch].error) for name, how, found in candidates]
     return Beams(
-        zone, dtype, tile, maps.shape[1], tuple(sharp), tuple(warped), together, tuple(plans),
+        replace(zone, phase=None), dtype, tile, maps.shape[1], tuple(sharp), tuple(warped), together, tuple(plans),
         sum(plan.error for plan in plans),
     )  # fmt: skip
 
 
+def _blur_of(layer: Layer, maps: Real, allowed: float, scale: float, single: bool) -> blur.Blur:
+    """How the layer's blur is done: its error, times pattern and scene, within ``allowed``."""
+    kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
+    weight = float(np.abs(layer.pattern).max()) or 1.0
+    return blur.choose(kernel, allowed / (weight * scale), maps.shape[1] * maps.shape[2], single)
+
+
 @dataclass(frozen=True)
 class _Candidate:
-    """One layer on one grid: envelope (C, M, N, K), coarse (C, V, K), row (N,), rows of the scene per coarse row."""
+    """One layer on one grid: envelope (C, M, N, K), M = 1 without fringes; coarse (C, V, K), row (N,), step: rows of
+    the scene per coarse row."""
 
     envelope: Real
     coarse: Real
@@ -261,8 +261,11 @@ class _Candidate:
     error: float
 
 
-def _blurred(maps: Real, how: blur.Blur, kernel: Array, tile: bool) -> tuple[Real, tuple[int, int]]:
+def _blurred(maps: Real, how: blur.Blur, view: SceneView | None, tile: bool) -> tuple[Real, tuple[int, int]]:
     """The blurred scene, as far beyond its edges as the blur reaches (the edge goes on), and by how many samples."""
+    if view is None or how.method == "nothing":
+        return maps, (0, 0)
+    kernel = view.kernel
     margin = (0 if tile else kernel.shape[0] // 2, kernel.shape[1] // 2)
     wide = np.pad(maps, ((0, 0), (margin[0], margin[0]), (margin[1], margin[1])), mode="edge")
     return blur.correlate(wide, how, kernel, tile), margin
@@ -280,14 +283,14 @@ def _places(
     return column + margin[1], row + margin[0]
 
 
-def _keeps_rows(affine: Array, zone: Zone, seen: Real, tolerance: float) -> bool:
-    """Whether turning rows may be neglected: largest step between neighbours times the pixels it moves them by."""
+def _turning(affine: Array, zone: Zone, seen: Real) -> float:
+    """What neglecting that a map turns rows may cost: largest step between neighbours times the pixels it moves by."""
     across = abs(affine[1, 0]) * np.ptp(zone.x_m) / zone.pitch / 2.0
     along = abs(affine[0, 1]) * np.ptp(zone.y_m) / zone.pitch / 2.0
     if across + along <= WHOLE:
-        return True
+        return 0.0
     step_y, step_x = (float(np.abs(np.diff(seen, axis=axis)).max()) for axis in (1, 2))
-    return across * step_y + along * step_x <= 0.25 * tolerance
+    return across * step_y + along * step_x
 
 
 def _columns(seen: Real, column: Array, count: int) -> Real:
@@ -308,34 +311,72 @@ def _reading(seen: Real, count: int) -> float:
     return sum(float(np.abs(np.diff(seen, n=4, axis=axis)).max()) for axis in (1, 2)) / 24.0
 
 
-def _smooth_candidates(
-    layer: Layer, seen: Real, margin: tuple[int, int], zone: Zone, envelopes: smooth.Envelopes, tolerance: float,
-    most: float, tile: bool, dtype: type,
+def _smooth(
+    layers: Sequence[Layer], blurs: Sequence[blur.Blur], maps: Real, zone: Zone, budget: float, scale: float, tile: bool,
+    dtype: type,
+) -> tuple[Smooth | None, dict[int, float]]:  # fmt: skip
+    """As many layers as go onto one grid with their errors together within the budget, and the error of each.
+
+    The coarsest grid of those that take as many.
+    """
+    envelopes = None
+    every: dict[int, dict[int, _Candidate]] = {}
+    for number, (layer, how) in enumerate(zip(layers, blurs, strict=True)):
+        if number == 0 or layer.view is None or how.method == "nothing" or min(*zone.shape, *maps.shape[1:]) < 4:
+            continue
+        envelopes = envelopes or smooth.Envelopes(zone)
+        fits = [envelopes.fit(part, 0.5 * budget / len(layers) / scale) for part in layer.pattern]
+        terms = [fit for fit in fits if fit is not None]
+        if len(terms) == len(fits):
+            every[number] = _candidates(layer, layer.view, terms, how, maps, zone, envelopes, budget, tile, dtype)
+    best: tuple[int, dict[int, float]] = 0, {}
+    for pitch in smooth.PITCHES:
+        errors = sorted((found[pitch].error, number) for number, found in every.items() if pitch in found)
+        total = np.cumsum([error for error, _ in errors])
+        taken = {
+            number: error for (error, number), sum_so_far in zip(errors, total, strict=True) if sum_so_far <= budget
+        }
+        if len(taken) > len(best[1]):
+            best = pitch, taken
+    pitch, taken = best
+    if not taken:
+        return None, {}
+    return _gather(
+        [every[number][pitch] for number in taken], zone, smooth.grid(zone.shape, pitch, dtype), dtype
+    ), taken
+
+
+def _candidates(
+    layer: Layer, view: SceneView, terms: Sequence[tuple[tuple[int, int], Array]], how: blur.Blur, maps: Real, zone: Zone,
+    envelopes: smooth.Envelopes, most: float, tile: bool, dtype: type,
 ) -> dict[int, _Candidate]:  # fmt: skip
-    """The layer on every grid on which its error is below ``most``; empty if the finest does not keep ``tolerance``."""
-    scale = float(np.abs(seen).max()) or 1.0
+    """The layer on every grid on which its error is below ``most``, finest first."""
     found: dict[int, _Candidate] = {}
-    if min(zone.shape) < 4:
-        return found
-    fits = [envelopes.fit(part, 0.5 * tolerance / scale) for part in layer.pattern]
-    if any(fit is None for fit in fits):
-        return found
-    check = _Check.of(layer, seen, margin, zone, tile)
+    seen, margin = _blurred(maps, how, view, tile)
+    check = _Check.of(layer, view, seen, margin, zone, tile)
+    height = seen.shape[1]
     for pitch in sorted(smooth.PITCHES):
         if 4 * pitch > max(zone.shape):
             break
         where = smooth.grid(zone.shape, pitch, dtype)
-        envelope: Real = np.array([envelopes.on_nodes(*fit, where) for fit in fits if fit is not None], dtype=dtype)
-        height = seen.shape[1]
+        dark = list(zone.dark)
+        envelope: Real = np.array(
+            [envelopes.on_nodes(*fit, where, part[dark]) for fit, part in zip(terms, layer.pattern, strict=True)],
+            dtype=dtype,
+        )
+        if np.abs(envelope[:, 1:]).sum(axis=1, initial=0.0).max() * check.scale < 1e-4 * most / len(envelope):
+            envelope = envelope[:, :1]
         count = max(-(-height // pitch), 4)
         step = height / count if tile else (height - 1) / (count - 1)
-        assert layer.view is not None
-        column, row = _places(layer.view.affine, zone, margin, *where.nodes)
-        along = smooth.resampled(seen, np.arange(count) * step, 1, tile)
-        coarse = np.ascontiguousarray(smooth.resampled(along, column[0], 2, False))
+        along, across = where.nodes
+        middle = 0.5 * (zone.shape[0] - 1), 0.5 * (zone.shape[1] - 1)
+        column, ahead = (place[0] for place in _places(view.affine, zone, margin, np.array([middle[0]]), across))
+        _, row = _places(view.affine, zone, margin, np.concatenate([along, dark]), np.array([middle[1]]))
+        centre = _places(view.affine, zone, margin, np.array([middle[0]]), np.array([middle[1]]))[1]
+        coarse = kernels.sampled(seen, np.arange(count) * step, ahead - centre[0, 0], column, tile)
         candidate = _Candidate(envelope, coarse, row[:, 0] / step, step, 0.0)
         error = check.error(candidate, zone, where, tile, dtype)
-        if error > (most if found else tolerance):
+        if error > most:
             break
         found[pitch] = replace(candidate, error=error)
     return found
@@ -354,12 +395,11 @@ class _Check:
     truth: dict[float, Array]
 
     @classmethod
-    def of(cls, layer: Layer, seen: Real, margin: tuple[int, int], zone: Zone, tile: bool) -> _Check:
+    def of(cls, layer: Layer, view: SceneView, seen: Real, margin: tuple[int, int], zone: Zone, tile: bool) -> _Check:
         rng = np.random.default_rng(1)
         j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
-        assert layer.view is not None
         height = seen.shape[1]
-        column, row = (place[j, i] for place in _places(layer.view.affine, zone, margin))
+        column, row = (place[j, i] for place in _places(view.affine, zone, margin))
         at_x, weight_x = smooth.taps(column, seen.shape[2], False)
         truth = {}
         for shift in (0.0, 3.37, 0.43 * height):
@@ -390,32 +430,25 @@ def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, he
     return Beams(zone, dtype, tile, height, (dark,), (), part, (), 0.0)
 
 
-def _together(
-    candidates: Sequence[tuple[str, str, dict[int, _Candidate]]], share: float, zone: Zone, dtype: type
-) -> Smooth:
-    """All smooth layers on the coarsest grid on which their errors together are below their shares together."""
-    pitch = max(
-        pitch for pitch in smooth.PITCHES
-        if all(pitch in found for _, _, found in candidates)
-        and (sum(found[pitch].error for _, _, found in candidates) <= share * len(candidates)
-             or pitch == min(smooth.PITCHES))
-    )  # fmt: skip
-    return _gather([found[pitch] for _, _, found in candidates], zone, smooth.grid(zone.shape, pitch, dtype), dtype)
-
-
 def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: type) -> Smooth:
-    modes = len(parts[0].coarse)
-    phase = np.zeros(zone.shape) if zone.phase is None else zone.phase
+    parts = sorted(parts, key=lambda part: -part.envelope.shape[1])
+    modes, nodes = len(parts[0].coarse), len(where.nodes[1])
     size = np.repeat([part.coarse.shape[1] for part in parts], modes)
-    coarse: Real = np.zeros((len(size), int(size.max()), len(where.nodes[1])), dtype)
+    coarse: Real = np.zeros((len(size), int(size.max()), nodes), dtype)
     for number, image in enumerate(image for part in parts for image in part.coarse):
         coarse[number, : len(image)] = image
-    every = np.concatenate([part.envelope for part in parts])  # (E, M, N, K)
-    envelope = np.ascontiguousarray(np.moveaxis(every, 2, 0)).reshape(len(where.nodes[0]), len(every), -1)
+    own = np.full(zone.shape[0], -1)
+    own[list(zone.dark)] = len(where.nodes[0]) + np.arange(len(zone.dark))
+    fringed, plain = (
+        np.ascontiguousarray(np.moveaxis(np.concatenate(some), 2, 0)).reshape(len(parts[0].row), -1, kinds * nodes)
+        if some
+        else np.zeros((len(parts[0].row), 0, kinds * nodes), dtype)
+        for kinds, some in ((n, [part.envelope for part in parts if part.envelope.shape[1] == n]) for n in (5, 1))
+    )
+    phase = np.zeros(zone.shape) if zone.phase is None else zone.phase
     return Smooth(
-        where, *smooth.carriers(phase, where, dtype), envelope, coarse,
-        np.repeat([part.row for part in parts], modes, axis=0),
-        np.repeat([part.step for part in parts], modes), size,
+        where, *smooth.carriers(phase, where, dtype), own, fringed, plain, coarse,
+        np.repeat([part.row for part in parts], modes, axis=0), np.repeat([part.step for part in parts], modes), size,
     )  # fmt: skip
 
 

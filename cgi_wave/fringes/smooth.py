@@ -57,20 +57,22 @@ def grid(shape: tuple[int, int], pitch: int, dtype: type) -> Grid:
 
 def carriers(phase: Array, where: Grid, dtype: type) -> tuple[Real, Real]:
     """cos and sin of the phase (R, X) on the first row of every cell (2, cells, X), and of what each row is ahead of
-    it, at the nodes (2, R, K).
-
-    Nodes outside of the zone take the cubic through four pixels at its edge: what is left there is small and smooth.
-    """
+    it, at the nodes (2, R, K)."""
     first = phase[:: where.pitch]
-    ahead = phase - np.repeat(first, where.pitch, axis=0)[: len(phase)]
+    ahead = at_nodes(phase - np.repeat(first, where.pitch, axis=0)[: len(phase)], where)
+    own, turn = (np.array([np.cos(angle), np.sin(angle)], dtype=dtype) for angle in (first, ahead))
+    return own, turn
+
+
+def at_nodes(rows: Array, where: Grid) -> Array:
+    """(…, K) rows of pixels (…, X) at the nodes; beyond the zone by the cubic through four pixels at its edge."""
     step = max(1, min(where.pitch, (where.columns - 1) // 3))
     at = where.nodes[1]
     left, right = step * np.arange(4), where.columns - 1 - step * np.arange(3, -1, -1)
     low, high = at < 0, at > where.columns - 1
-    inside = ahead[:, at[~low & ~high].astype(np.int64)]
-    low_weight, high_weight = (lagrange((at[out] - own[1]) / step) for out, own in ((low, left), (high, right)))
-    full = np.concatenate([ahead[:, left] @ low_weight, inside, ahead[:, right] @ high_weight], axis=1)
-    return (np.array([np.cos(first), np.sin(first)], dtype=dtype), np.array([np.cos(full), np.sin(full)], dtype=dtype))
+    before, after = (lagrange((at[out] - own[1]) / step) for out, own in ((low, left), (high, right)))
+    inside = rows[..., at[~low & ~high].astype(np.int64)]
+    return np.concatenate([rows[..., left] @ before, inside, rows[..., right] @ after], axis=-1)
 
 
 def lagrange(t: Array) -> Array:
@@ -119,7 +121,8 @@ class Envelopes:
     def __init__(self, zone: Zone) -> None:
         rows, columns = zone.shape
         rng = np.random.default_rng(0)  # where the pattern is looked at: any points will do, the same ones each time
-        self._j, self._i = rng.integers(0, rows, POINTS), rng.integers(0, columns, POINTS)
+        lit = np.setdiff1d(np.arange(rows), zone.dark)
+        self._j, self._i = lit[rng.integers(0, len(lit), POINTS)], rng.integers(0, columns, POINTS)
         self._shape = zone.shape
         self._turn = np.ones((1, POINTS))
         if zone.phase is not None:
@@ -142,11 +145,13 @@ class Envelopes:
                 return degree, np.asarray(term).reshape(len(self._turn), *degree)
         return None
 
-    def on_nodes(self, degree: tuple[int, int], term: Array, where: Grid) -> Array:
-        """(M, N, K) envelopes at the nodes."""
+    def on_nodes(self, degree: tuple[int, int], term: Array, where: Grid, dark: Array) -> Array:
+        """(M, N, K) envelopes at the nodes, and behind them one row for each of the pattern's rows ``dark`` (D, X)."""
         along, across = where.nodes
         x, y = _basis(across, self._shape[1], degree[0]), _basis(along, self._shape[0], degree[1])
-        return np.einsum("mab,ak,bn->mnk", term, x, y, optimize=True)
+        own = np.zeros((len(term), len(dark), len(across)))
+        own[0] = at_nodes(dark, where)
+        return np.concatenate([np.einsum("mab,ak,bn->mnk", term, x, y, optimize=True), own], axis=1)
 
 
 def _basis(at: NDArray[np.int64] | Array, size: int, count: int) -> Array:

@@ -111,6 +111,31 @@ def warped_rows(out, pattern, image, x, y, shift, wrap, order, first, last):
 
 
 @njit(**_JIT)
+def sampled(image, row, ahead, column, wrap):
+    """(C, V, K) an image (C, H, W) at rows row (V,) + ahead (K,) and columns (K,), by four samples each way.
+
+    Beyond the image its edge goes on; along rows it repeats if ``wrap``.
+    """
+    modes, height, width = image.shape
+    out = np.empty((modes, row.shape[0], column.shape[0]), image.dtype)
+    wx, wy = np.empty(4), np.empty(4)
+    for k in range(column.shape[0]):
+        x, t = _start(column[k], width, False)
+        cubic(t, wx, 4)
+        for v in range(row.shape[0]):
+            y, t = _start(row[v] + ahead[k], height, wrap)
+            cubic(t, wy, 4)
+            for c in range(modes):
+                total = 0.0
+                for b in range(4):
+                    r = (y + b) % height if wrap else y + b
+                    total += wy[b] * (wx[0] * image[c, r, x] + wx[1] * image[c, r, x + 1] + wx[2] * image[c, r, x + 2]
+                                      + wx[3] * image[c, r, x + 3])  # fmt: skip
+                out[c, v, k] = total
+    return out
+
+
+@njit(**_JIT)
 def cubic(t, weight, order):
     """Weights of 2 or 4 samples (Lagrange) at the fraction t beyond the second of four, the first of two."""
     if order == 2:
@@ -160,11 +185,10 @@ def _lines(line, coarse, row, shift, size, wrap, i, w):
 
 
 @njit(**_JIT)
-def _sum_of_products(total, a, b):
-    """total[n] = Σ_e a[e, n] b[e, n]."""
-    total[:] = 0.0
+def _add_products(total, a, b):
+    """total[n] += Σ_e a[e, n] b[e, n]."""
     for e in range(a.shape[0]):
-        for n in range(total.shape[0]):
+        for n in range(a.shape[1]):
             total[n] += a[e, n] * b[e, n]
 
 
@@ -319,7 +343,7 @@ def _add_row1(out, pattern, image, cosine, sine, w, node):
 
 @njit(**_JIT)
 def _set_row5(out, pattern, image, cosine, sine, w, node):
-    """A row of pixels: pattern·image and, from its nodes (M·K), all smooth layers. Of ``_add_row5`` the latter alone."""
+    """A row of pixels: pattern·image and, from its nodes (M·K), all smooth layers; ``_add_row5``: the latter alone."""
     pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0] // 5
     for k in range(whole):
         n = _nodes5(node, k, nodes)
@@ -342,9 +366,23 @@ def _add_row5(out, pattern, image, cosine, sine, w, node):
 
 
 @njit(**_JIT)
+def _node_row(total, i, fringed, plain, coarse, row, shift, size, wrap, many, one, w):
+    """Row i of nodes (M·K): all smooth layers, those with fringes first; many (E, M, K), one (F, 1, K): work space."""
+    total[:] = 0.0
+    e = many.shape[0]
+    if e > 0:
+        _lines(many, coarse[:e], row[:e], shift[:e], size[:e], wrap, i, w)
+        _add_products(total, fringed[i], many.reshape(e, many.shape[1] * many.shape[2]))
+    if one.shape[0] > 0:
+        _lines(one, coarse[e:], row[e:], shift[e:], size[e:], wrap, i, w)
+        _add_products(total, plain[i], one.reshape(one.shape[0], one.shape[2]))
+
+
+@njit(**_JIT)
 def frame_rows(
-    out, pattern, image, index, weight, carrier, turn, envelope, coarse, row, shift, size, wrap, table, first, last
-):
+    out, pattern, image, index, weight, carrier, turn, own, fringed, plain, coarse, row, shift, size, wrap, table,
+    first, last,
+):  # fmt: skip
     """Rows first…last − 1 of a frame, set: one sharp layer and all smooth layers. ``first`` starts a cell.
 
     The last axis of every array has to be contiguous.
@@ -352,39 +390,41 @@ def frame_rows(
     out (R, X); pattern, image, index, weight: see ``sharp_rows``
     carrier (2, cells, X): cos and sin of the nominal phase on the first row of each cell; turn (2, R, K): of what each
     row is ahead of it, at the nodes
-    envelope (N, E, M·K): of 1, and with M = 5 of cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the
-    first one pitch before the zone
-    coarse (E, V, K): the layers' images on coarse rows along track and on the nodes across it
-    row (E, N): place of each row of nodes among the coarse rows at scroll 0; shift (E,): by how many of them the ground
-    has moved; size (E,): their number, four at least; wrap: they repeat
+    fringed (N, E, 5 K), plain (N, F, K): envelopes of layers with and without fringes, of 1, and for the former of
+    cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the first one pitch before the zone
+    own (R,): number of the row of nodes that serves this row of pixels alone, or −1
+    coarse (E + F, V, K): the layers' images on coarse rows along track and on the nodes across it
+    row (E + F, N): place of each row of nodes among the coarse rows at scroll 0; shift (E + F,): by how many of them
+    the ground has moved; size (E + F,): their number, four at least; wrap: they repeat
     table (4, pitch): Lagrange weights of the pixels between the second and third of four nodes
     """
     pitch, nodes = table.shape[1], coarse.shape[2]
-    kinds = envelope.shape[2] // nodes
+    kinds = 5 if fringed.shape[1] > 0 else 1
     ring, mixed = np.empty((4, kinds * nodes), out.dtype), np.empty(kinds * nodes, out.dtype)
-    line, along = np.empty((envelope.shape[1], kinds, nodes), out.dtype), table.T.copy()
-    w = np.empty(4, out.dtype)
-    products = line.reshape(line.shape[0], kinds * nodes)
+    many, one = np.empty((fringed.shape[1], kinds, nodes), out.dtype), np.empty((plain.shape[1], 1, nodes), out.dtype)
+    along, w = table.T.copy(), np.empty(4, out.dtype)
     fresh = pattern.shape[0] == 1 and index.shape[1] == 1
     done = first // pitch
     for j in range(first, last):
         cell = j // pitch
         for i in range(done, cell + 4):
-            _lines(line, coarse, row, shift, size, wrap, i, w)
-            _sum_of_products(ring[i % 4], envelope[i], products)
+            _node_row(ring[i % 4], i, fringed, plain, coarse, row, shift, size, wrap, many, one, w)
         done = cell + 4
-        _mixed(mixed, ring, cell, along[j - cell * pitch], turn[0, j], turn[1, j])
+        if own[j] < 0:
+            _mixed(mixed, ring, cell, along[j - cell * pitch], turn[0, j], turn[1, j])
+        else:  # all of it is in the first kind, which nothing turns
+            _node_row(mixed, own[j], fringed, plain, coarse, row, shift, size, wrap, many, one, w)
         if not fresh:
             _sharp_row(out[j], pattern, image, index, weight, j, False)
-        one, c, s = image[0, index[j, 0]], carrier[0, cell], carrier[1, cell]
+        sample, c, s = image[0, index[j, 0]], carrier[0, cell], carrier[1, cell]
         if kinds == 1 and fresh:
-            _set_row1(out[j], pattern[0, j], one, c, s, table, mixed)
+            _set_row1(out[j], pattern[0, j], sample, c, s, table, mixed)
         elif kinds == 1:
-            _add_row1(out[j], pattern[0, j], one, c, s, table, mixed)
+            _add_row1(out[j], pattern[0, j], sample, c, s, table, mixed)
         elif fresh:
-            _set_row5(out[j], pattern[0, j], one, c, s, table, mixed)
+            _set_row5(out[j], pattern[0, j], sample, c, s, table, mixed)
         else:
-            _add_row5(out[j], pattern[0, j], one, c, s, table, mixed)
+            _add_row5(out[j], pattern[0, j], sample, c, s, table, mixed)
 
 
 @njit(**_JIT)
