@@ -35,6 +35,7 @@ Real = NDArray[np.floating]
 Index = NDArray[np.int64]
 Interpolation = Literal["area", "cubic"]
 WHOLE = 1e-9  # of a pixel: an offset this close to a whole number is one
+AROUND = 32  # pixels around the zone where the nodes of a smooth layer may stand
 CHECKED = 20000  # pixels on which the image of a smooth layer is checked
 IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
@@ -222,7 +223,7 @@ def prepare(
             plans.append(LayerPlan(layer.name, "smooth", how.method, together.grid.pitch, error + found[number]))
             continue
         affine = IDENTITY if layer.view is None else layer.view.affine
-        seen, margin = _blurred(maps, how, layer.view, tile)
+        seen, margin = _blurred(maps, how, layer.view, zone, tile)
         count = 4 if how.method != "nothing" or interpolation == "cubic" else 2
         pattern = np.ascontiguousarray(layer.pattern, dtype=dtype)
         column, row = _places(affine, zone, margin)
@@ -261,14 +262,27 @@ class _Candidate:
     error: float
 
 
-def _blurred(maps: Real, how: blur.Blur, view: SceneView | None, tile: bool) -> tuple[Real, tuple[int, int]]:
-    """The blurred scene, as far beyond its edges as the blur reaches (the edge goes on), and by how many samples."""
+def _blurred(
+    maps: Real, how: blur.Blur, view: SceneView | None, zone: Zone, tile: bool
+) -> tuple[Real, tuple[int, int]]:
+    """The blurred scene wherever the layer looks while the nominal beam stays on the scene, and how many samples before
+    the scene's first row and column it begins."""
     if view is None or how.method == "nothing":
         return maps, (0, 0)
-    kernel = view.kernel
-    margin = (0 if tile else kernel.shape[0] // 2, kernel.shape[1] // 2)
-    wide = np.pad(maps, ((0, 0), (margin[0], margin[0]), (margin[1], margin[1])), mode="edge")
-    return blur.correlate(wide, how, kernel, tile), margin
+    reach = np.array([zone.y_m[[0, -1]], zone.x_m[[0, -1]]])
+    reach += AROUND * zone.pitch * np.array([-1.0, 1.0])
+    corners = np.array([(x, y, 1.0) for y in reach[0] for x in reach[1]]) @ view.affine.T
+    column = zone.column + (corners[:, 0] - zone.x_m[0]) / zone.pitch
+    row = zone.row + (corners[:, 1] - zone.y_m[0]) / zone.pitch
+    first, last = _scrolls(maps.shape[1], zone)
+    rows = (0, maps.shape[1]) if tile else (int(row.min() + first) - 4, int(row.max() + last) + 5)
+    columns = int(column.min()) - 4, int(column.max()) + 5
+    return blur.part(maps, how, view.kernel, tile, rows, columns), (-rows[0], -columns[0])
+
+
+def _scrolls(height: int, zone: Zone) -> tuple[float, float]:
+    """Least and largest scroll at which the nominal beam sees nothing but the scene."""
+    return -zone.row, max(height - zone.shape[0] - zone.row, -zone.row)
 
 
 def _places(
@@ -312,8 +326,8 @@ def _reading(seen: Real, count: int) -> float:
 
 
 def _smooth(
-    layers: Sequence[Layer], blurs: Sequence[blur.Blur], maps: Real, zone: Zone, budget: float, scale: float, tile: bool,
-    dtype: type,
+    layers: Sequence[Layer], blurs: Sequence[blur.Blur], maps: Real, zone: Zone, budget: float, scale: float,
+    tile: bool, dtype: type,
 ) -> tuple[Smooth | None, dict[int, float]]:  # fmt: skip
     """As many layers as go onto one grid with their errors together within the budget, and the error of each.
 
@@ -347,13 +361,15 @@ def _smooth(
 
 
 def _candidates(
-    layer: Layer, view: SceneView, terms: Sequence[tuple[tuple[int, int], Array]], how: blur.Blur, maps: Real, zone: Zone,
-    envelopes: smooth.Envelopes, most: float, tile: bool, dtype: type,
+    layer: Layer, view: SceneView, terms: Sequence[tuple[tuple[int, int], Array]], how: blur.Blur, maps: Real,
+    zone: Zone, envelopes: smooth.Envelopes, most: float, tile: bool, dtype: type,
 ) -> dict[int, _Candidate]:  # fmt: skip
     """The layer on every grid on which its error is below ``most``, finest first."""
     found: dict[int, _Candidate] = {}
-    seen, margin = _blurred(maps, how, view, tile)
-    check = _Check.of(layer, view, seen, margin, zone, tile)
+    seen, margin = _blurred(maps, how, view, zone, tile)
+    first, last = (0.0, float(maps.shape[1])) if tile else _scrolls(maps.shape[1], zone)
+    shifts = (max(first, 0.0), first + 0.37 * (last - first), first + 0.83 * (last - first))
+    check = _Check.of(layer, view, seen, margin, zone, tile, shifts)
     height = seen.shape[1]
     for pitch in sorted(smooth.PITCHES):
         if 4 * pitch > max(zone.shape):
@@ -395,14 +411,17 @@ class _Check:
     truth: dict[float, Array]
 
     @classmethod
-    def of(cls, layer: Layer, view: SceneView, seen: Real, margin: tuple[int, int], zone: Zone, tile: bool) -> _Check:
+    def of(
+        cls, layer: Layer, view: SceneView, seen: Real, margin: tuple[int, int], zone: Zone, tile: bool,
+        shifts: Sequence[float],
+    ) -> _Check:  # fmt: skip
         rng = np.random.default_rng(1)
         j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
         height = seen.shape[1]
         column, row = (place[j, i] for place in _places(view.affine, zone, margin))
         at_x, weight_x = smooth.taps(column, seen.shape[2], False)
         truth = {}
-        for shift in (0.0, 3.37, 0.43 * height):
+        for shift in shifts:
             at_y, weight_y = smooth.taps(row + shift, height, tile)
             image = np.zeros((len(seen), CHECKED))
             for a in range(4):

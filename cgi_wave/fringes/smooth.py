@@ -60,7 +60,8 @@ def carriers(phase: Array, where: Grid, dtype: type) -> tuple[Real, Real]:
     it, at the nodes (2, R, K)."""
     first = phase[:: where.pitch]
     ahead = at_nodes(phase - np.repeat(first, where.pitch, axis=0)[: len(phase)], where)
-    own, turn = (np.array([np.cos(angle), np.sin(angle)], dtype=dtype) for angle in (first, ahead))
+    own: Real = np.array([np.cos(first), np.sin(first)], dtype=dtype)
+    turn: Real = np.array([np.cos(ahead), np.sin(ahead)], dtype=dtype)
     return own, turn
 
 
