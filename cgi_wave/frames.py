@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 Progress = Callable[[str], None]
 #: Largest error that the choices for images add to a frame, relative irradiance times the scene's largest value.
-IMAGES = 1e-6
+IMAGES = 1e-4
 #: Pixels beyond the zone up to which an embedded scene goes on, where ghosts look; beyond, its edge does.
 WIDEST_MARGIN = 256
 

@@ -99,7 +99,8 @@ class LayerPlan:
 
 @dataclass(frozen=True)
 class Beams:
-    """Everything a frame needs but the scroll. ``error``: sum over the layers' plans. height: rows of the scene."""
+    """Everything a frame needs but the scroll. ``error``: sum over the layers' plans. height: rows of the scene. The
+    zone has lost its phase: what is needed of it is in the smooth layers."""
 
     zone: Zone
     dtype: type
@@ -206,7 +207,7 @@ def prepare(
     maps = np.asarray(maps)
     _check(layers, maps, zone)
     maps = np.ascontiguousarray(maps, dtype=dtype)
-    scale = float(np.abs(maps).max()) or 1.0
+    scale, height = float(np.abs(maps).max()) or 1.0, maps.shape[1]
     budget = tolerance * scale
     blurs = [_blur_of(layer, maps, 0.5 * budget / len(layers), scale, precision == "float32") for layer in layers]
     together, found = _smooth(layers, blurs, maps, zone, 0.5 * budget, scale, tile, dtype)
@@ -238,7 +239,7 @@ def prepare(
             warped.append(Warped(layer.name, pattern, seen, column, row, count))
             plans.append(LayerPlan(layer.name, "warped", how.method, 1, error))
     return Beams(
-        replace(zone, phase=None), dtype, tile, maps.shape[1], tuple(sharp), tuple(warped), together, tuple(plans),
+        replace(zone, phase=None), dtype, tile, height, tuple(sharp), tuple(warped), together, tuple(plans),
         sum(plan.error for plan in plans),
     )  # fmt: skip
 
