@@ -29,7 +29,7 @@ def main(crop: str) -> None:
         rms = np.sqrt(np.mean(error**2))
         print(f"{band}: {number.shape}, coding error of the reflectance {error.max():.1e} at most, {rms:.1e} RMS")
         arrays |= {band: code, f"{band}_range": np.array([low, high])}
-    np.savez_compressed(OUT, **arrays)
+    np.savez_compressed(OUT, allow_pickle=False, **arrays)
     print(f"{OUT}: {OUT.stat().st_size} bytes")
 
 

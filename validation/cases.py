@@ -88,7 +88,8 @@ def random_cases(n: int, seed: int) -> list[Case]:
             w020 = sign * 10.0 ** rng.uniform(math.log10(0.05), math.log10(5000.0))
         kind, others = _others(rng, w020)
         obscuration = rng.uniform(0.0, 0.9) if rng.uniform() < OBSCURED else 0.0
-        found.append(Case(f"random, others {kind}", w020, *map(float, others), obscuration, *_shift(rng)))
+        w040, w131, w222, w111 = map(float, others)
+        found.append(Case(f"random, others {kind}", w020, w040, w131, w222, w111, obscuration, *_shift(rng)))
     return found
 
 
@@ -98,10 +99,10 @@ def typical_cases(n: int, w020: float, seed: int) -> list[Case]:
     found = []
     for _ in range(n):
         w = float(rng.choice([-1.0, 1.0])) * w020
-        others = 0.1 * w020 * rng.uniform(-1.0, 1.0, 4)
+        w040, w131, w222, w111 = map(float, 0.1 * w020 * rng.uniform(-1.0, 1.0, 4))
         length, angle = rng.uniform(0.05, 1.5), rng.uniform(0.0, 2.0 * math.pi)
         shift = length * math.cos(angle), length * math.sin(angle)
-        found.append(Case(f"typical {w020:g}", w, *map(float, others), rng.uniform(0.05, 0.6), *shift))
+        found.append(Case(f"typical {w020:g}", w, w040, w131, w222, w111, rng.uniform(0.05, 0.6), *shift))
     return found
 
 
@@ -129,7 +130,7 @@ def _ring(w: float, radius: float) -> dict[str, float]:
 def caustic_cases(n: int, w: float, seed: int) -> list[Case]:
     """Degenerate stationary points well inside sheared, obscured pupils: folds, cusps, rings and umbilics in turn."""
     rng = np.random.default_rng(seed)
-    found = []
+    found: list[Case] = []
     while len(found) < n:
         kind = ("fold", "cusp", "ring", "umbilic")[len(found) % 4]
         y0 = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.35, 0.7))

@@ -1,6 +1,6 @@
 """The chain beside closed forms, on traced rays: the tests' cases, with more distances, all field points, both bands.
 
-    uv run python validation/closed_forms.py [--json]
+    uv run python -m validation.closed_forms [--json]
 
 Prints our value, the closed form, their difference, and what the difference may be: the error bound of a contrast, or
 what the blur of the traced spots allows (see docs/validation.md).
@@ -9,7 +9,6 @@ what the blur of the traced spots allows (see docs/validation.md).
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path as File
@@ -29,6 +28,7 @@ from cgi_wave.fringes.nma import nma_error_exact  # noqa: E402
 from cgi_wave.optics.system import load_instrument  # noqa: E402
 from cgi_wave.rays.beams import nominal_direction, spot  # noqa: E402
 from cgi_wave.rays.paths import find_paths, parse_path  # noqa: E402
+from cgi_wave.report.output import to_json  # noqa: E402
 from cgi_wave.wave.field import power  # noqa: E402
 
 Row = dict[str, Any]
@@ -165,7 +165,7 @@ def main() -> None:
     rows = study()
     outside = [line for line in rows if abs(line["difference"]) > line["allowed"]]
     if arguments.json:
-        print(json.dumps({"rows": rows, "outside": len(outside)}, indent=2))
+        print(to_json({"rows": rows, "outside": len(outside)}))
         return
     print(f"{'':44s} {'':26s} {'ours':>12s} {'closed form':>12s} {'difference':>11s} {'allowed':>9s}")
     for line in rows:

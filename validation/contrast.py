@@ -1,6 +1,6 @@
 """The study `contrast`: error bounds of the overlap contrast against two oracles, its speed, and its peers.
 
-    uv run python validation/contrast.py [--json] [--cases N] [--jobs J] [--out DIR]
+    uv run python -m validation.contrast [--json] [--cases N] [--jobs J] [--out DIR]
 
 Random and adversarial cases (see `validation/cases.py`) go through both oracles, which have to agree, and through the
 method. Whatever the oracles say is kept in DIR/oracles: a second run computes only what is new. Charts of time against
@@ -22,10 +22,9 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import cgi_wave
 from cgi_wave.errors import CgiWaveError
+from cgi_wave.report.output import to_json
 from cgi_wave.wave.hopkins import HopkinsPair
 from cgi_wave.wave.methods.auto import method
 from cgi_wave.wave.methods.base import Estimate, OverlapMethod
@@ -244,7 +243,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"interrupted; what the oracles said is in {options.out / 'oracles'}", file=sys.stderr)
         return 130
     if options.json:
-        print(json.dumps(result))
+        print(to_json(result))
     else:
         for name, value in result.items():
             if not isinstance(value, dict | list):

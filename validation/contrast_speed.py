@@ -15,7 +15,7 @@ from cgi_wave.errors import CgiWaveError
 from cgi_wave.wave.hopkins import HopkinsPair
 from cgi_wave.wave.methods.base import OverlapMethod
 from validation import cases as library
-from validation.oracles.agree import Reference, references
+from validation.oracles.agree import Reference, all_references
 from validation.peers import available
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def timings(
             sets[f"{kind.replace(' ', '_')}_1000"] = (1000.0, [c for c in caustics if c.kind == kind])
     details: dict[str, Any] = {}
     for name, (w, cases) in sets.items():
-        truth = references(cases, out / "oracles", jobs, say)
+        truth = all_references(cases, out / "oracles", jobs, say)
         say(f"timing: {name}")
         with one_thread():
             details[name] = _timed(method, cases, truth, ACCURACY)
@@ -154,7 +154,7 @@ def charts(
 ) -> dict[str, Any]:
     """Work-precision diagrams as PNG, one figure for each defocus; and how far the method is ahead of each peer."""
     chosen = regimes(largest)
-    truth = dict(zip(chosen, references(list(chosen.values()), out / "oracles", jobs, say), strict=True))
+    truth = dict(zip(chosen, all_references(list(chosen.values()), out / "oracles", jobs, say), strict=True))
     peers = available()
     curves: dict[tuple[float, str, str], dict[str, list[Point]]] = {}
     for key, case in chosen.items():

@@ -1,6 +1,6 @@
 """Eq. 4, a ratio of RMS spot sizes, beside |γ|: where it holds, where not and why, and a better estimate.
 
-    uv run python validation/eq4.py [--json] [--out DIR] [--bands NIR VIS] [--pairs N] [--seconds S]
+    uv run python -m validation.eq4 [--json] [--out DIR] [--bands NIR VIS] [--pairs N] [--seconds S]
 
 Three parts. Charts of |γ|/Eq. 4 for two circular pupils over defocus (0 to 2000 waves) and aberration of the nominal
 beam, for several astigmatisms, shears and tilts. Every ghost of every band of the reference instrument, from the
@@ -12,19 +12,17 @@ expected to take at most ``--seconds`` a ghost), the overlap of the geometric sp
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).parent
-sys.path.append(str(HERE))  # last: other folders have a module cases of their own
+import numpy as np
 
-import numpy as np  # noqa: E402
-from eq4_ghosts import band, ghost_rows  # noqa: E402
-from eq4_page import band_table, plane_table, usable, write  # noqa: E402
-from eq4_plane import (  # noqa: E402
+from cgi_wave.report.output import to_json
+from validation.eq4_ghosts import band, ghost_rows
+from validation.eq4_page import band_table, plane_table, usable, write
+from validation.eq4_plane import (
     CAUSES,
     WITHIN,
     Panel,
@@ -35,7 +33,7 @@ from eq4_plane import (  # noqa: E402
     trial_rows,
     trials,
 )
-from study_page import table  # noqa: E402
+from validation.study_page import table
 
 Row = dict[str, Any]
 
@@ -154,7 +152,7 @@ def main() -> None:
         options.out, options.bands, options.pairs, options.seconds, progress=lambda text: print(text, file=sys.stderr)
     )
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(to_json(found))
         return
     plane = found["plane"]
     print(table(plane["charts"]))

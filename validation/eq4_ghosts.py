@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from eq4_plane import cause
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -25,6 +24,7 @@ from cgi_wave.wave.methods.geometric import geometric_overlap
 from cgi_wave.wave.methods.incoherent import Incoherent, incoherent_overlap
 from cgi_wave.wave.methods.shape import Beam, beam_at, find_edge
 from cgi_wave.wave.overlap import overlap
+from validation.eq4_plane import cause
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -93,8 +93,7 @@ def difference(m: PupilField, l: PupilField, sigma: float) -> Difference | None:
 
 
 def _clear(beam: Beam, u: Array) -> NDArray[np.bool_]:
-    clear: NDArray[np.bool_] = (at_points(beam.support.clearance, beam.scaled(u)) > 0.0).all(axis=0)
-    return clear
+    return np.asarray((at_points(beam.support.clearance, beam.scaled(u)) > 0.0).all(axis=0))
 
 
 def _spread(edge: Array, count: int = 64) -> Array:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from eq4_plane import KNOWN, Panel
-from study_page import save_figure, table, write_page
+
+from validation.eq4_plane import KNOWN, Panel
+from validation.study_page import save_figure, table, write_page
 
 Row = dict[str, Any]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from eq4_pairs import Aberrated, folds, slopes
 from numpy.typing import NDArray
 
 from cgi_wave.errors import CgiWaveError
 from cgi_wave.wave.eq4 import contrast_eq4, contrast_stationary
 from cgi_wave.wave.hopkins import HopkinsPair
+from validation.eq4_pairs import Aberrated, folds, slopes
 
 Array = NDArray[np.float64]
 KNOWN = 0.1  # error bound, in parts of |γ|, up to which a pair is compared

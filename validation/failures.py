@@ -1,6 +1,6 @@
 """Where methods fail: error over defocus, aberration, shear, obscuration and sampling, with the law of each border.
 
-    uv run python validation/failures.py [--json] [--out DIR] [--cases N]
+    uv run python -m validation.failures [--json] [--out DIR] [--cases N]
 
 The maps take the methods without their guards, at samplings that a user might choose, and ask where the complex error
 of γ (or of the PSF) exceeds 1e-3 of its modulus (of its peak). Truth is sinc's closed form for pure defocus, else the
@@ -12,21 +12,19 @@ the result, and ``broken_promises`` bounds beyond the one promised beforehand.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "tests" / "wave"), str(HERE.parent / "tests" / "wave" / "methods")]
+sys.path[:0] = [str(HERE.parent / "tests" / "wave"), str(HERE.parent / "tests" / "wave" / "methods")]
 
 import numpy as np  # noqa: E402
 from cases import defocus, quadrature  # noqa: E402
-from failures_maps import EXPECTED, Map, all_maps  # noqa: E402
-from study_page import save_figure, table, write_page  # noqa: E402
 
 from cgi_wave.errors import CgiWaveError  # noqa: E402
+from cgi_wave.report.output import to_json  # noqa: E402
 from cgi_wave.wave.hopkins import HopkinsPair  # noqa: E402
 from cgi_wave.wave.methods.fft import PrunedFft, WindowFft  # noqa: E402
 from cgi_wave.wave.methods.geometric import geometric_overlap  # noqa: E402
@@ -34,6 +32,8 @@ from cgi_wave.wave.methods.incoherent import incoherent_overlap  # noqa: E402
 from cgi_wave.wave.methods.matrix import ChirpZ, MatrixFourier  # noqa: E402
 from cgi_wave.wave.methods.nufft import Nufft  # noqa: E402
 from cgi_wave.wave.methods.propagation import Fresnel  # noqa: E402
+from validation.failures_maps import EXPECTED, Map, all_maps  # noqa: E402
+from validation.study_page import save_figure, table, write_page  # noqa: E402
 
 
 def imitations() -> list[dict[str, float]]:
@@ -93,8 +93,9 @@ def _random_pair(rng: np.random.Generator) -> HopkinsPair:
     others = w * rng.uniform(0.0, 0.1) * rng.normal(size=3)
     shear = float(rng.choice([0.0, 10.0 ** rng.uniform(-4.0, 0.25)]))
     angle = rng.uniform(0.0, 2.0 * np.pi)
+    w040, w131, w222 = map(float, others)
     return HopkinsPair(
-        w, *map(float, others), w111=float(3.0 * rng.normal() * rng.integers(2)),
+        w, w040, w131, w222, w111=float(3.0 * rng.normal() * rng.integers(2)),
         obscuration=float(rng.choice([0.0, rng.uniform(0.05, 0.9)])), shift_x=shear * float(np.cos(angle)),
         shift_y=shear * float(np.sin(angle)),
     )  # fmt: skip
@@ -172,7 +173,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.out, options.cases)
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(to_json(found))
         return
     print(table(found["guarded"]))
     print(table(found["imitations"]))

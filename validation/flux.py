@@ -1,6 +1,6 @@
 """The Monte-Carlo walk beside paths traced in sequence: ledger, power by path, irradiance of a Lambertian pupil.
 
-    uv run python validation/flux.py [--instrument FILE] [--band NIR] [--rays N] [--seed S] [--json]
+    uv run python -m validation.flux [--instrument FILE] [--band NIR] [--rays N] [--seed S] [--json]
 
 The walk knows no list of paths, the sequences know no lots. Power: every listed path is traced with rays of its own
 over the declared field and compared with the share that arrived on it, in units of the standard error of both. A walk
@@ -12,7 +12,6 @@ pupil, counted in cells of the detector, beside the solid angle from which the c
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from typing import Any
 
@@ -26,6 +25,7 @@ from cgi_wave.rays.flux import flux, from_field, lambertian
 from cgi_wave.rays.ledger import SUMS, Flux, PathShare
 from cgi_wave.rays.paths import Path, find_paths, pupil_probes
 from cgi_wave.rays.trace import compile_sequence, trace
+from cgi_wave.report.output import to_json
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,8 @@ def powers(system: OpticalSystem, paths: tuple[Path, ...], found: Flux) -> dict[
     """Share of every path by lots and in sequence: how many differ by how many standard errors, and which most."""
     p, theta = pupil_probes(system, TRACED, seed=77)
     walked = {path.path: path for path in found.paths}
-    rows, traced_order, faint = [], [0.0, 0.0, 0.0], {"paths": 0, "traced": 0.0, "walked": 0.0, "error": 0.0}
+    rows: list[dict[str, Any]] = []
+    traced_order, faint = [0.0, 0.0, 0.0], {"paths": 0, "traced": 0.0, "walked": 0.0, "error": 0.0}
     for path in paths:
         traced = trace(compile_sequence(system, path, system.sigma0), p, theta)
         power = np.where(traced.passes, traced.power, 0.0)
@@ -67,6 +68,7 @@ def powers(system: OpticalSystem, paths: tuple[Path, ...], found: Flux) -> dict[
         error = float(np.hypot(one.error, power.std() / np.sqrt(TRACED)))
         rows.append({"label": path.label, "order": path.order, "traced": mean, "walked": one.share, "error": error,
                      "score": (one.share - mean) / error if error else 0.0})  # fmt: skip
+    rows.sort(key=lambda row: -abs(row["score"]))
     score = np.array([row["score"] for row in rows])
     listed = {str(path) for path in paths}
     unlisted = [one for one in found.paths if one.order <= 2 and one.path not in listed]
@@ -74,7 +76,7 @@ def powers(system: OpticalSystem, paths: tuple[Path, ...], found: Flux) -> dict[
     return {
         "compared": len(rows),
         "of": len(paths),
-        "worst": sorted(rows, key=lambda row: -abs(row["score"]))[:8],
+        "worst": rows[:8],
         "mean_square_score": float((score**2).mean()),
         "beyond_3": int((np.abs(score) > 3).sum()),
         "beyond_4": int((np.abs(score) > 4).sum()),
@@ -92,7 +94,7 @@ def irradiance(system: OpticalSystem, paths: tuple[Path, ...], rays: int, seed: 
     """Nominal and stray irradiance at the field points and over the zone, W/m² per W through the pupil, both ways."""
     half = float(np.degrees(np.arcsin(np.hypot(*np.sin(np.radians(system.document.entrance.half_field_deg))))))
     found = flux(system, MORE * rays, seed, lambertian(half), split=COARSE, cells=(CELLS, CELLS))
-    rows = []
+    rows: list[dict[str, Any]] = []
     for x0 in system.field_points():
         i, j = (int(np.searchsorted(edges, value)) - 1 for edges, value in ((found.map.y, x0[1]), (found.map.x, x0[0])))
         centre = np.array([found.map.x[j : j + 2].mean(), found.map.y[i : i + 2].mean()])
@@ -116,16 +118,16 @@ def irradiance(system: OpticalSystem, paths: tuple[Path, ...], rays: int, seed: 
     inside = np.outer((found.map.y[:-1] >= y0) & (found.map.y[1:] <= y1),
                       (found.map.x[:-1] >= x0) & (found.map.x[1:] <= x1))  # fmt: skip
     cells = int(inside.sum())
-    nominal, stray = found.map.irradiance - found.map.stray, found.map.stray
+    walked, walked_stray = found.map.irradiance - found.map.stray, found.map.stray
     zone = {
         "cells": cells,
         "nominal_traced": float(np.mean([row["nominal_traced"] for row in rows])),
         "nominal_spread": float(np.std([row["nominal_traced"] for row in rows])),
-        "nominal_walked": float(nominal[inside].mean()),
+        "nominal_walked": float(walked[inside].mean()),
         "nominal_error": float(np.sqrt((found.map.error[inside] ** 2).sum()) / cells),
         "stray_traced": float(np.mean([row["stray_traced"] for row in rows])),
         "stray_spread": float(np.std([row["stray_traced"] for row in rows])),
-        "stray_walked": float(stray[inside].mean()),
+        "stray_walked": float(walked_stray[inside].mean()),
         "stray_error": float(np.sqrt((found.map.stray_error[inside] ** 2).sum()) / cells),
     }
     return {"source": found.source, "rays": found.rays, "cell_m": float(found.map.x[1] - found.map.x[0]),
@@ -157,7 +159,7 @@ def main() -> None:
     options = parser.parse_args()
     result = study(options.instrument, options.band, options.rays, options.seed)
     if options.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     book, power = result["ledger"], result["powers"]
     print(f"{result['band']}, {result['rays']} rays over the declared field, seed {result['seed']}")

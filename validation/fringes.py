@@ -1,6 +1,6 @@
 """The study `fringes`: frames of a real zone beside the sum of every term, and what frames cost; streaming.
 
-    uv run python validation/fringes.py [--json] [--band NIR] [--pixels N] [--no-stream] [--out DIR]
+    uv run python -m validation.fringes [--json] [--band NIR] [--pixels N] [--no-stream] [--out DIR]
 
 Traces the band's fringe field, stretches it over 1024 × 1024 pixels, and makes the frame of a uniform scene with all
 ghosts. The direct sum (float64, compiled, two threads, every pair and spectral sample) is taken at random pixels: the
@@ -21,8 +21,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit, prange
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import zone_rows
@@ -60,7 +58,7 @@ def stretched(zone: FringeField, size: int = SIZE) -> FringeField:
 
 
 @njit(parallel=True, nogil=True)
-def _direct(sigma, weight, to_sigma, gamma, opd, strength, out):
+def _direct(sigma, weight, to_sigma, gamma, opd, strength, out):  # type: ignore[no-untyped-def]
     """out (N,) += Σ_σ Σ_pairs 2 strength Re[γ exp(i2πσ OPD)] w, for N pixels.
 
     to_sigma (S, K) from a pair's nodes to the samples; gamma (P, K, N), opd (P, K, N), strength (P, N).
@@ -124,7 +122,9 @@ def speed(band: BandField, pixels: int, seed: int = 1) -> dict[str, Any]:
     inside = (sigma >= max(e[0] for e in ends)) & (sigma <= min(e[-1] for e in ends)) & (weight > 0.0)
     sigma, weight = sigma[inside], weight[inside]
     rng = np.random.default_rng(seed)
-    clear = np.flatnonzero(np.all([s.passed(zone.y_pixels) >= 1.0 for s in zone.shadows] or [True], axis=0))
+    clear = np.flatnonzero(
+        np.all([np.ones(len(zone.y_pixels), bool), *(s.passed(zone.y_pixels) >= 1.0 for s in zone.shadows)], axis=0)
+    )
     rows, columns = rng.choice(clear, pixels), rng.integers(0, SIZE, pixels)
     direct(zone, sigma[:50], weight[:50], rows, columns)  # compiled before the clock starts
     truth, spent = direct(zone, sigma, weight, rows, columns)

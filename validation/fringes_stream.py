@@ -44,7 +44,7 @@ def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -
     Patterns are synthetic on purpose: the time of a frame depends on how many layers there are and how smooth, not on
     where they come from.
     """
-    y = (np.arange(size) - 0.5 * (size - 1)) * PITCH
+    y = np.asarray((np.arange(size) - 0.5 * (size - 1)) * PITCH)
     phase = 2.0 * np.pi * 10.0 * (y[:, None] + 0.01 * y[None, :]) / (size * PITCH)
     zone = Zone(y, y, phase=phase)
 
@@ -113,7 +113,7 @@ def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> di
 
         runs: dict[str, Callable[[int], object]] = {"multiply": multiply}
         for name, (beams, step) in made.items():
-            runs[name] = lambda k, beams=beams, step=step: beams.frame(step * (k % REAL_FRAMES), out, pool)  # type: ignore[misc]
+            runs[name] = lambda k, beams=beams, step=step: beams.frame(step * (k % REAL_FRAMES), out, pool)
         best = dict.fromkeys(runs, np.inf)
         for run in runs.values():
             run(0)

@@ -1,7 +1,7 @@
 """Published ray listings and other tracers beside ours: CODE V, Zemax, optiland, rayoptics.
 
-    uv run --group validation python validation/listings.py [--json] [--lenses DIR]
-    uv run --group validation python validation/listings.py --extract FILE.lis --radius MM
+    uv run --group validation python -m validation.listings [--json] [--lenses DIR]
+    uv run --group validation python -m validation.listings --extract FILE.lis --radius MM
 
 * CODE V's single-ray listings of a double Gauss and of a tilted three-mirror telescope, every ray, every figure. The
   lenses are imported from their prescriptions, so that the import is checked with the tracer.
@@ -21,15 +21,14 @@ import json
 from pathlib import Path as File
 from typing import Any
 
-import listing_codev
-import listing_cooke
-import listing_peers
 import numpy as np
-from listing_codev import COLUMNS, ULP, Array, Lens
 from scipy.optimize import linprog
 
 from cgi_wave.errors import InputError
 from cgi_wave.lensfile.load import import_lens
+from cgi_wave.report.output import to_json
+from validation import listing_codev, listing_cooke, listing_peers
+from validation.listing_codev import COLUMNS, ULP, Array, Lens
 
 DATA = File(__file__).parents[1] / "tests" / "data"
 #: Stored listing: surface and r⁴ coefficient that the import leaves out.
@@ -153,7 +152,7 @@ def peers(folder: File | None) -> dict[str, Any]:
     found: dict[str, Any] = {"versions": versions, "ghosts": [], "round_trips": [], "refused": [], "peer_failed": []}
     if versions["optiland"]:
         found["ghosts"] = [listing_peers.ghosts(name, 2000) for name in listing_peers.BUNDLES]
-    files = [(DATA / name, names) for name, names in FILES.items()]
+    files: list[tuple[File, tuple[str, ...]]] = [(DATA / name, names) for name, names in FILES.items()]
     if folder:
         some = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".seq", ".zmx"))
         files += [(f, ("rayoptics", "optiland") if f.suffix.lower() == ".zmx" else ("rayoptics",)) for f in some]
@@ -190,11 +189,11 @@ def main() -> None:
         fields = listing_codev.extract(arguments.extract.read_text(encoding="latin-1"), arguments.radius)
         source = f"CODE V listing {arguments.extract.name}; figures only, by validation/listings.py --extract"
         document = {"source": source, "columns": list(COLUMNS), "pupil_radius_mm": arguments.radius, "fields": fields}
-        print(json.dumps(document))
+        print(to_json(document))
         return
     result = study(arguments.lenses)
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     print("\n".join(lines(result)))
 

@@ -1,6 +1,6 @@
 """The computed O2 A band beside a published line list.
 
-    python validation/oxygen.py O2_ABand_Drouin_2017_linelist.csv
+    python -m validation.oxygen O2_ABand_Drouin_2017_linelist.csv
 
 The list is that of Drouin et al., JQSRT 186, 118 (2017), in the CSV layout of the NIST MATS repository
 (https://github.com/usnistgov/MATS, free use with notice; not shipped here). Prints, branch by branch, the residuals of
@@ -9,13 +9,15 @@ position and lower energy and the ratio of intensities, then the widths, then wh
 
 from __future__ import annotations
 
+import argparse
 import csv
 import re
-import sys
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
+from cgi_wave.report.output import to_json
 from cgi_wave.scene.atmosphere import transmission
 from cgi_wave.scene.coherence import coherence, coherent_rise
 from cgi_wave.scene.filters import Filter
@@ -23,6 +25,7 @@ from cgi_wave.scene.lines import LineList
 from cgi_wave.scene.oxygen import air_half_width, oxygen_a_band
 from cgi_wave.scene.radiance import solar_irradiance, toa_radiance
 from cgi_wave.scene.spectrum import Spectrum
+from validation.study_page import table
 
 ATM_PA = 101325.0
 STRONG = 1e-26  # cm/molecule: lines below do not show at any OPD
@@ -64,39 +67,44 @@ def read_list(path: Path) -> tuple[LineList, np.ndarray]:
     return lines, main
 
 
-def compare_lines(published: LineList, main: np.ndarray) -> None:
+def compare_lines(published: LineList, main: np.ndarray) -> dict[str, Any]:
+    """Positions (cm⁻¹), lower energies (cm⁻¹) and intensities by branch, the band's intensity, widths (per J″)."""
     computed = oxygen_a_band()
-    print("branch lines   position residual (cm⁻¹)    energy residual   intensity computed/published")
-    print("               rms       largest           largest           least    mean (weighted)  most")
     key = {(b, int(n)): i for i, (b, n) in enumerate(zip(computed.branch, computed.n_lower, strict=True))}
+    branches = []
     for branch in ("PP", "PQ", "RR", "RQ"):
         theirs = np.flatnonzero(main & (published.branch == branch) & (published.strength > STRONG / 100))
         ours = np.array([key[branch, int(published.n_lower[i])] for i in theirs])
         position = (computed.sigma[ours] - published.sigma[theirs]) / 100
         energy = np.abs(computed.lower_energy[ours] - published.lower_energy[theirs]).max() / 100
         ratio = computed.strength[ours] / published.strength[theirs]
-        mean = np.average(ratio, weights=published.strength[theirs])
-        print(
-            f"{branch:6} {theirs.size:5}   {np.sqrt(np.mean(position**2)):.2e}  {np.abs(position).max():.2e}"
-            f"          {energy:.1e}           {ratio.min():.4f}   {mean:.4f}           {ratio.max():.4f}"
-        )
-    total = computed.strength.sum() * 100
-    print(f"band intensity: computed {total:.4e}, published {published.strength[main].sum() * 100:.4e} cm/molecule,")
-    print(f"all that the file holds {published.strength.sum() * 100:.4e}")
+        branches.append({
+            "branch": branch, "lines": theirs.size, "position_rms": np.sqrt(np.mean(position**2)),
+            "position_largest": np.abs(position).max(), "energy_largest": energy, "intensity_least": ratio.min(),
+            "intensity_mean": np.average(ratio, weights=published.strength[theirs]), "intensity_most": ratio.max(),
+        })  # fmt: skip
     # The dipole lines of this file carry widths rounded to 0.01; its quadrupole lines carry four digits, one per level.
     fine = np.flatnonzero(~main & (published.branch == "RS"))
     ratio = air_half_width(published.j_lower[fine]) / published.half_width[fine]
-    listed = ", ".join(f"{j}: {r:.3f}" for j, r in zip(published.j_lower[fine], ratio, strict=True))
-    print(f"air half-width computed/published by J″: {listed}")
+    return {
+        "branches": branches,
+        "band_intensity_cm": {
+            "computed": computed.strength.sum() * 100, "published": published.strength[main].sum() * 100,
+            "whole_file": published.strength.sum() * 100,
+        },
+        "half_width_ratio": {str(j): r for j, r in zip(published.j_lower[fine], ratio, strict=True)},
+    }  # fmt: skip
 
 
-def compare_rises(published: LineList) -> None:
-    print("\nfilter                     lines       rise (mm)  NMA      largest |ΔG| of 0.6 … 5 mm")
-    for centre, fwhm, shape in (
+def compare_rises(published: LineList) -> list[dict[str, Any]]:
+    """Where the coherence peaks with either list, its NMA there, and how far the two curves part."""
+    rows = []
+    shapes: tuple[tuple[float, float, Literal["flat-top", "gaussian"]], ...] = (
         (764.0, 2.6, "flat-top"),
         (764.0, 2.6, "gaussian"),
         (764.5, 3.5, "flat-top"),
-    ):
+    )
+    for centre, fwhm, shape in shapes:
         band = Filter(centre * 1e-9, fwhm * 1e-9, shape)
         computed = toa_radiance("o2a", band, 6e-3)
         sun = 0.3 / np.pi * solar_irradiance(computed.sigma)
@@ -105,19 +113,30 @@ def compare_rises(published: LineList) -> None:
         apart = np.abs(coherence(computed, band, opd) - coherence(listed, band, opd)).max()
         for name, spectrum in (("computed", computed), ("published", listed)):
             rise = coherent_rise(spectrum, band, 5e-3)
-            label = f"{centre:.1f}/{fwhm:.1f} nm {shape}"
-            print(f"{label:26} {name:10}  {rise.opd_m * 1e3:.4f}     {rise.nma:.4f}   {apart:.4f}")
+            rows.append({"filter": f"{centre:.1f}/{fwhm:.1f} nm {shape}", "lines": name, "rise_opd_m": rise.opd_m,
+                         "nma": rise.nma, "coherence_apart": apart})  # fmt: skip
+    return rows
 
 
-def main(argv: list[str]) -> int:
-    if len(argv) != 2:
-        print(__doc__, file=sys.stderr)
-        return 2
-    published, dipole = read_list(Path(argv[1]))
-    compare_lines(published, dipole)
-    compare_rises(published)
-    return 0
+def main() -> None:
+    """Print the study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("list", type=Path, metavar="FILE.csv", help="the published line list")
+    parser.add_argument("--json", action="store_true", help="one JSON document on standard output")
+    arguments = parser.parse_args()
+    if not arguments.list.is_file():
+        parser.error(f"{arguments.list}: no such file; the list is published with the MATS programs")
+    published, dipole = read_list(arguments.list)
+    found = {**compare_lines(published, dipole), "rises": compare_rises(published)}
+    if arguments.json:
+        print(to_json(found))
+        return
+    print(table(found["branches"]))
+    print("band intensity, cm/molecule:", ", ".join(f"{k} {v:.4e}" for k, v in found["band_intensity_cm"].items()))
+    widths = ", ".join(f"{j}: {r:.3f}" for j, r in found["half_width_ratio"].items())
+    print(f"air half-width computed/published by J″: {widths}\n")
+    print(table(found["rises"]))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv))
+    main()

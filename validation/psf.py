@@ -1,6 +1,6 @@
 """The PSF: against closed forms and a commercial program's listings, and its speed beside other programs'.
 
-    uv run python validation/psf.py [--json] [--out DIR] [--listings FOLDER]
+    uv run python -m validation.psf [--json] [--out DIR] [--listings FOLDER]
 
 Closed forms: Airy's amplitude, the annulus, and the defocused disc by Lommel's series. Listings: Zemax's Huygens PSFs
 in the tests of batoid, which are not part of this package: give the folder. Speed: the complex PSF of a circular pupil
@@ -11,7 +11,6 @@ from a prepared pupil. All the peers are given our gray mask, which is finer tha
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -20,15 +19,14 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "tests" / "wave"), str(HERE.parent / "tests" / "wave" / "methods")]
+sys.path[:0] = [str(HERE.parent / "tests" / "wave"), str(HERE.parent / "tests" / "wave" / "methods")]
 
 import numpy as np  # noqa: E402
 from cases import bessel, lommel  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
-from psf_peers import CENTRED, PAD, POINTS, N, available  # noqa: E402
-from study_page import save_figure, table, write_page  # noqa: E402
 
 from cgi_wave.errors import CgiWaveError  # noqa: E402
+from cgi_wave.report.output import to_json  # noqa: E402
 from cgi_wave.wave.field import PupilField  # noqa: E402
 from cgi_wave.wave.hopkins import HopkinsPair  # noqa: E402
 from cgi_wave.wave.methods import nufft  # noqa: E402
@@ -38,6 +36,8 @@ from cgi_wave.wave.methods.matrix import ChirpZ, MatrixFourier  # noqa: E402
 from cgi_wave.wave.methods.patch import Patch  # noqa: E402
 from cgi_wave.wave.methods.propagation import choose_plane, to_detector  # noqa: E402
 from cgi_wave.wave.methods.shape import beam_at, edge_of  # noqa: E402
+from validation.psf_peers import CENTRED, PAD, POINTS, N, available  # noqa: E402
+from validation.study_page import save_figure, table, write_page  # noqa: E402
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -145,7 +145,7 @@ def race() -> list[Row]:
     )  # fmt: skip
     for name, call, points, reason in available(pupil):
         entries.append((name, call or (lambda: None), points, "peer", reason))
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, call, points, side, reason in entries:
         if reason:
             rows.append({"what": name, "side": side, "seconds": None, "error": None, "note": reason})
@@ -194,7 +194,7 @@ def study(out: Path | None = None, listings: Path | None = None) -> dict[str, An
         "listings_note": "no folder given: clone batoid and name its tests/testdata",
     }
     if listings is not None:
-        from psf_listings import compare
+        from validation.psf_listings import compare
 
         found["listings"] = compare(listings)
         found["listings_note"] = "" if any(r["rms"] is not None for r in found["listings"]) else "none in the folder"
@@ -261,7 +261,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.out, options.listings)
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(to_json(found))
         return
     print(table(found["closed_forms"]))
     print(table(found["speed"]))

@@ -1,17 +1,15 @@
 """Ranking of remedies: scaled terms against a trace from the beginning, and linear guesses against the exact gain.
 
-uv run python validation/ranking.py [--band NIR] [--instrument FILE] [--json]
+uv run python -m validation.ranking [--band NIR] [--instrument FILE] [--json]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from study_page import table
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import setting_of, zone_rows
@@ -22,6 +20,8 @@ from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.terms import Factors
 from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.ranking import trace_remedy
+from cgi_wave.report.output import to_json
+from validation.study_page import table
 
 FACTORS = (0.9, 0.5, 0.25, 0.1, 0.0)
 #: Remedies that are compared in detail: those with the largest gains.
@@ -131,7 +131,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.band, options.instrument)
     if options.json:
-        print(json.dumps(found, indent=1, ensure_ascii=False))
+        print(to_json(found))
         return
     print(f"{found['band']}: NMA error {found['nma_error']:.5f} ± {found['nma_error_bar']:.5f}\n")
     for name in ("traced", "linear", "sums"):

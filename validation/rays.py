@@ -1,6 +1,6 @@
 """The tracer beside batoid: the same rays through two published lenses and all ghosts of one, and what both cost.
 
-    uv run --group validation python validation/rays.py [--json] [--write]
+    uv run --group validation python -m validation.rays [--json] [--write]
 
 Both get the same surfaces, indices and rays, along the nominal path and along ghosts, also with every surface tilted
 and decentred. Prints, lens by lens and path by path, the largest difference of positions on the detector, of directions
@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path as File
@@ -24,17 +23,16 @@ from typing import Any
 
 # Before batoid is imported: one thread is what is compared.
 os.environ["OMP_NUM_THREADS"] = "1"
-sys.path.append(str(File(__file__).parent))
 
 import batoid
 import numpy as np
-import rays_ghosts
-import rays_memory
 from numpy.typing import NDArray
 
 from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.rays.paths import parse_path
 from cgi_wave.rays.trace import Sequence, Traced, compile_sequence, trace
+from cgi_wave.report.output import to_json
+from validation import rays_ghosts, rays_memory
 
 Array = NDArray[np.float64]
 DATA = File(__file__).parents[1] / "tests" / "data"
@@ -241,7 +239,7 @@ def main() -> None:
             (DATA / f"batoid_{name}.json").write_text(json.dumps(document) + "\n", encoding="utf-8")
         rays_ghosts.store(DATA / "batoid_ghosts.json")
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     print(f"beside {result['peer']}: largest differences")
     for case in result["cases"]:

@@ -52,7 +52,7 @@ def many_rays(count: int) -> dict[str, Any]:
 
 def measure(count: int = 10_000_000) -> dict[str, Any]:
     """``many_rays`` in a fresh process."""
-    code = f"import json, rays_memory; print(json.dumps(rays_memory.many_rays({count})))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=File(__file__).parent, check=True, capture_output=True)
+    code = f"import json; from validation import rays_memory; print(json.dumps(rays_memory.many_rays({count})))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=File(__file__).parents[1], check=True, capture_output=True)
     result: dict[str, Any] = json.loads(done.stdout)
     return result

@@ -1,6 +1,6 @@
 """Every ghost of every band traced backwards, its étendue, and the light of a plate stack that adds up.
 
-    uv run python validation/reversal.py [BAND…] [--instrument FILE] [--json]
+    uv run python -m validation.reversal [BAND…] [--instrument FILE] [--json]
 
 * **Reversal.** An instrument is made whose entrance pupil is the detector and whose detector is the entrance pupil; the
   steps of each ghost are taken in reverse by the same public path and tracing functions. Rays must end where they
@@ -16,7 +16,6 @@ The same for random small instruments. Prints the worst figure of each.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -32,6 +31,7 @@ from cgi_wave.optics.system import OpticalSystem, from_document, load_instrument
 from cgi_wave.rays.beams import nominal_direction, rays_to_point
 from cgi_wave.rays.paths import Path, find_paths, make_path
 from cgi_wave.rays.trace import aim_and_trace, compile_sequence, trace, trace_with_derivatives
+from cgi_wave.report.output import to_json
 
 Array = NDArray[np.float64]
 #: Name of the plane that stands for the entrance pupil in a reversed instrument.
@@ -277,7 +277,7 @@ def main() -> None:
     arguments = parser.parse_args()
     result = study(arguments.bands, arguments.instrument)
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     for part in [*result["bands"], result["random"] | {"band": f"{result['random']['lenses']} random lenses"}]:
         print(f"{part['band']}: {part['paths']} paths, {part['rays']:.0f} rays there and back, {part['lost']:.0f} lost")

@@ -1,6 +1,6 @@
 """The path search on the reference instrument: what it costs, what its bound saves, and what 512 probes miss.
 
-    uv run python validation/search.py [BAND …] [--probes N] [--json]
+    uv run python -m validation.search [BAND …] [--probes N] [--json]
 
 Per band: ghosts by order, by first parasitic surface, and above 1e-5 of the nominal power, beside the paper's number
 (families: paths that differ only in the arms they took);
@@ -11,7 +11,6 @@ contains the first: how many further ghosts it finds, their power together and t
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections import Counter
 from dataclasses import asdict
@@ -20,6 +19,7 @@ from typing import Any
 from cgi_wave.budget.select import POWER_FLOOR
 from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.paths import PROBES, Path, Search, explore
+from cgi_wave.report.output import to_json
 
 #: Ghosts that the paper found in its VIS/NIR and SWIR channels; its instrument is another one, and its limit the same.
 PAPER = {"VIS": 39, "NIR": 39, "SWIR": 35}
@@ -82,7 +82,7 @@ def main() -> None:
     arguments = parser.parse_args()
     results = study(arguments.bands, arguments.probes)
     if arguments.json:
-        print(json.dumps(results, indent=2))
+        print(to_json({"bands": results}))
         return
     for r in results:
         print(f"{r['band']}: {r['ghosts']} ghosts, by order {r['by_order']}; power together {r['power']:.4f}")

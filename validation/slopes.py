@@ -1,6 +1,6 @@
 """The slope of every ghost's path difference: exact rays beside the count of sloped surfaces, and why they part.
 
-    uv run python validation/slopes.py [BAND…] [--instrument FILE] [--out DIR] [--json]
+    uv run python -m validation.slopes [BAND…] [--instrument FILE] [--out DIR] [--json]
 
 The exact slope of a ghost against the nominal beam of arm 1 is the difference of their direction cosines along y at
 one detector point, for rays of one pupil point, mean over the pupil. The paper counts: every sloped surface that is met
@@ -19,7 +19,6 @@ that is given. None does: "not explained". Ghosts are those that the analysis tr
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
@@ -28,7 +27,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from study_page import table, write_page
 
 from cgi_wave.budget.ghosts import count_slope
 from cgi_wave.budget.select import select_ghosts
@@ -38,6 +36,8 @@ from cgi_wave.optics.system import OpticalSystem, load_instrument
 from cgi_wave.rays.beams import nominal_direction, rays_to_point
 from cgi_wave.rays.paths import Path, find_paths
 from cgi_wave.rays.trace import aim_and_trace, compile_sequence, history
+from cgi_wave.report.output import to_json
+from validation.study_page import table, write_page
 
 Array = NDArray[np.float64]
 #: Two slopes are taken as one within this part of the larger of the ghost's slope and the nominal one.
@@ -61,7 +61,7 @@ def straightened(name: str, file: str | None) -> OpticalSystem:
     system = instrument.band(name)
     inter = system.document.interferometer
     assert inter is not None
-    values = {}
+    values: dict[str, float | str | list[float]] = {}
     for frame in system.document.frame:
         for surface in frame.surface:
             if surface.name in {*inter.arm1.sloped, *inter.arm2.sloped}:
@@ -152,12 +152,16 @@ def compare(
                 value = total(own, "weights" in pieces, "heights" in pieces)
                 value -= total(first, "weights" in pieces, "heights" in pieces)
                 value += geometry if "geometry" in pieces and geometry is not None else 0.0
-                tries.append((abs(exact - value), pieces))
+                if np.isfinite(value):  # not where a ray beside has no end
+                    tries.append((abs(exact - value), pieces))
+            if not tries:
+                break
             left, best = min(tries)
             if left <= TOLERANCE * scale:
                 reason = "; ".join(PIECES[piece] for piece in best)
                 break
-    magnification = [round(float(np.mean(height)) / usual[name], 3) for name, _, height in own]
+    ratios = [(float(np.mean(height)) / usual[name]) for name, _, height in own]
+    magnification = [round(ratio, 3) if np.isfinite(ratio) else None for ratio in ratios]
     return {
         "label": path.label, "order": path.order, "exact": exact, "counted": counted, "nominal": nominal_slope,
         "ratio": exact / counted if counted else None, "met": len(own), "heights": magnification,
@@ -240,7 +244,7 @@ def main() -> None:
             parts += [f"## {part['band']}\n", table(rows)]
         write_page(arguments.out, "slopes", parts)
     if arguments.json:
-        print(json.dumps(result, indent=2))
+        print(to_json(result))
         return
     for part in result["bands"]:
         print(f"{part['band']}: {part['compared']} of {part['ghosts']} ghosts, {part['reach_no_field_point']} reach no "

@@ -1,6 +1,6 @@
 """The instrument's nominal spots beside batoid: the check that every import of an instrument gets.
 
-    uv run --group validation python validation/spots.py [--instrument FILE] [--json]
+    uv run --group validation python -m validation.spots [--instrument FILE] [--json]
 
 For every band, at its central wavelength, for its five field points and every nominal path: the same rays from one
 source direction, traced by both programs from the same surfaces, indices and rays. Prints both RMS radii about the
@@ -10,21 +10,17 @@ centroid and the largest difference of any ray on the detector.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
-from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-sys.path.insert(0, str(File(__file__).parent))
-from rays import as_traced, batoid_tracer, pupil_points
-
 from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.beams import nominal_direction
 from cgi_wave.rays.paths import find_paths
 from cgi_wave.rays.trace import compile_sequence, trace
+from cgi_wave.report.output import to_json
+from validation.rays import as_traced, batoid_tracer, pupil_points
 
 Array = NDArray[np.float64]
 
@@ -69,7 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     found = study(options.instrument)
     if options.json:
-        print(json.dumps(found))
+        print(to_json(found))
         return
     print("band        wavelength / nm   field x, y / mm    path   rays   RMS / um   batoid's / um")
     for row in found["rows"]:

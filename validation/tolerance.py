@@ -1,12 +1,11 @@
 """Accuracy against cost of the plan: one field point at several tolerances, error bars beside the time they took.
 
-uv run python validation/tolerance.py [--band NIR] [--json]
+uv run python -m validation.tolerance [--band NIR] [--json]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 
 from cgi_wave.analysis import Task, analyse_field
@@ -14,6 +13,7 @@ from cgi_wave.budget.select import select_ghosts
 from cgi_wave.budget.setting import band_setting
 from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.paths import find_paths
+from cgi_wave.report.output import to_json
 
 TOLERANCES = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 
@@ -51,7 +51,7 @@ def main() -> None:
     options = parser.parse_args()
     rows = study(options.band)
     if options.json:
-        print(json.dumps({"band": options.band, "rows": rows}, indent=1))
+        print(to_json({"band": options.band, "rows": rows}))
         return
     print(" ".join(f"{name:>14}" for name in rows[0]))
     for row in rows:

@@ -5,6 +5,7 @@ Heavy imports stand inside the functions. While a command computes, anything pri
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -333,8 +334,9 @@ def validate(name: str | None, options: tuple[str, ...], as_json: bool) -> int:
         return 0
     if name not in studies:
         raise InputError("command line", "NAME", name, "there is no such study", f"use one of {', '.join(studies)}")
-    words = [sys.executable, str(studies[name]), *options, *(["--json"] if as_json else [])]
-    return subprocess.run(words, check=False).returncode
+    words = [sys.executable, "-m", f"validation.{name}", *options, *(["--json"] if as_json else [])]
+    path = os.pathsep.join([str(folder.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.run(words, check=False, env=os.environ | {"PYTHONPATH": path}).returncode
 
 
 COMMANDS = (run, ghosts, psi, frame, scroll, plan, rank, flux, contrast, import_, validate, draw)

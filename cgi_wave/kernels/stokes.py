@@ -279,11 +279,12 @@ def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums, ws):
 
 @njit(cache=True, nogil=True)
 def _turning(px, py):
-    """Angle by which a panel turns about the origin, rad, and how near it comes to it: by 64 chords.
+    """Angle by which a panel turns about the origin, rad, and how near it comes to it: by 16 chords.
 
-    A chord leaves its arc by some 1e-5 of the region's size: nearer than that the angle could be mistaken.
+    A chord leaves its arc by some 1e-3 of the region's size, far less than EDGE; nearer than that the angle could be
+    mistaken.
     """
-    total, steps, nearest = 0.0, 64, 1e300
+    total, steps, nearest = 0.0, 16, 1e300
     x0, y0 = horner(px, -1.0), horner(py, -1.0)
     for i in range(1, steps + 1):
         s = -1.0 + 2.0 * i / steps

@@ -364,8 +364,12 @@ def aim(sequence: Sequence, p: Array, target: Array, start: Array) -> tuple[Arra
 
 
 def history(sequence: Sequence, p: Array, theta: Array) -> Array:
-    """Points (K + 1, N, 3) in the pupil's frame, m, where rays start and where they meet every surface."""
+    """Points (K + 1, N, 3) in the pupil's frame, m, where rays start and where they meet every surface.
+
+    NaN from where a ray meets nothing.
+    """
     foot = trace(sequence, p, theta, footprints=True).foot
+    foot = np.where(np.isfinite(foot), foot, np.nan)
     points = np.empty((len(sequence.curvature) + 1, len(p), 3))
     points[0] = np.column_stack([p, np.zeros(len(p))])
     axes, origin = np.eye(3), np.zeros(3)

@@ -13,7 +13,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -138,7 +138,7 @@ def _compute(todo: list[tuple[Store, Case]], jobs: int, say: Callable[[str], Non
     started, last, done = time.perf_counter(), 0.0, 0
     with ThreadPoolExecutor(jobs) as pool:
         queue = iter(todo)
-        running = {}
+        running: dict[Future[tuple[str, list[float]]], Store] = {}
         try:
             while True:
                 while (
@@ -159,6 +159,13 @@ def _compute(todo: list[tuple[Store, Case]], jobs: int, say: Callable[[str], Non
                     say(f"oracles: {done} of {len(todo)} values, {now:.0f} s")
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def all_references(
+    cases: Sequence[Case], folder: Path, jobs: int = 1, say: Callable[[str], None] = progress
+) -> list[Reference]:
+    """As ``references``, and no case waits."""
+    return [one for one in references(cases, folder, jobs, say) if one is not None]
 
 
 def disagreement(case: Case, reference: Reference) -> dict[str, Any]:
