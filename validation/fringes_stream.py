@@ -28,7 +28,7 @@ from cgi_wave.fringes.field_file import load_field
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.maps import GroundFit, Window, window
 from cgi_wave.fringes.pattern import Layer
-from cgi_wave.fringes.scroll import motion, stream
+from cgi_wave.fringes.scroll import give_back, motion, stream
 from cgi_wave.optics.system import load_instrument
 
 SIZE, PITCH, GHOSTS = 1024, 15e-6, 20
@@ -153,6 +153,7 @@ def worker(frames: int) -> dict[str, float]:
     beams, fit = synthetic()
     prepared = time.perf_counter() - started
     setup = _resident("VmHWM")
+    give_back()  # as ``stream`` does before its first frame
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts anew: preparing is told apart from streaming
     started = time.perf_counter()
     ground = _scroll(beams, fit, frames)

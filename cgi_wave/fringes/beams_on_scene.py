@@ -36,7 +36,8 @@ Index = NDArray[np.int64]
 Interpolation = Literal["area", "cubic"]
 WHOLE = 1e-9  # of a pixel: an offset this close to a whole number is one
 AROUND = 32  # pixels around the zone where the nodes of a smooth layer may stand
-CHECKED = 20000  # pixels on which the image of a smooth layer is checked
+BETWEEN = 1.5  # what is measured on some pixels and scrolls is taken as so much larger elsewhere
+CHECKED, SCROLLS = 8000, 8  # pixels on which the image of a smooth layer is checked
 IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
@@ -369,7 +370,7 @@ def _candidates(
     found: dict[int, _Candidate] = {}
     seen, margin = _blurred(maps, how, view, zone, tile)
     first, last = (0.0, float(maps.shape[1])) if tile else _scrolls(maps.shape[1], zone)
-    shifts = (max(first, 0.0), first + 0.37 * (last - first), first + 0.83 * (last - first))
+    shifts = max(first, 0.0) + (last - max(first, 0.0)) * np.modf(0.5 * (np.sqrt(5.0) - 1.0) * np.arange(SCROLLS))[0]
     check = _Check.of(layer, view, seen, margin, zone, tile, shifts)
     height = seen.shape[1]
     for pitch in sorted(smooth.PITCHES):
@@ -414,7 +415,7 @@ class _Check:
     @classmethod
     def of(
         cls, layer: Layer, view: SceneView, seen: Real, margin: tuple[int, int], zone: Zone, tile: bool,
-        shifts: Sequence[float],
+        shifts: Array,
     ) -> _Check:  # fmt: skip
         rng = np.random.default_rng(1)
         j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
@@ -422,7 +423,7 @@ class _Check:
         column, row = (place[j, i] for place in _places(view.affine, zone, margin))
         at_x, weight_x = smooth.taps(column, seen.shape[2], False)
         truth = {}
-        for shift in shifts:
+        for shift in shifts.tolist():
             at_y, weight_y = smooth.taps(row + shift, height, tile)
             image = np.zeros((len(seen), CHECKED))
             for a in range(4):
@@ -432,13 +433,13 @@ class _Check:
         return cls(layer.pattern.sum(axis=0), float(np.abs(seen).max()) or 1.0, height, j, i, truth)
 
     def error(self, candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, dtype: type) -> float:
-        """Largest difference of frames from these."""
+        """Largest difference of frames from these, with room for what lies between the samples."""
         alone = _alone(candidate, zone, where, tile, self.height, dtype)
         flat = replace(candidate, coarse=np.ones_like(candidate.coarse))
         uniform = _alone(flat, zone, where, tile, self.height, dtype).frame(0.0)
         worst = float(np.abs(uniform - self.uniform).max()) * self.scale
         for shift, truth in self.truth.items():
-            worst = max(worst, float(np.abs(alone.frame(shift)[self.j, self.i] - truth).max()))
+            worst = max(worst, BETWEEN * float(np.abs(alone.frame(shift)[self.j, self.i] - truth).max()))
         return worst
 
 

@@ -79,14 +79,14 @@ def stream(beams: Beams, moves: Motion, threads: int = THREADS) -> Iterator[Real
     """
     for shift in (float(moves.rows.min()), float(moves.rows.max())):
         beams.ready(shift)
-    _give_back()
+    give_back()
     out: Real = np.empty(beams.zone.shape, beams.dtype)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         for shift in moves.rows:
             yield beams.frame(float(shift), out, pool if threads > 1 else None)
 
 
-def _give_back() -> None:
+def give_back() -> None:
     """Freed memory goes back to the system. The GNU C library would keep what large arrays leave between small ones."""
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
