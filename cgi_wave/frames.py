@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -41,6 +41,8 @@ class Ready:
     """All that frames of a band need. layers and beams with ghosts, nominal_layers and nominal_beams without.
 
     scene : placed on the zone; phase (R, X) : rad, 2πσ0 times the nominal OPD
+    uniform (R, X) : frame of a uniform scene of the reference albedo
+    layers : without their patterns, which frames do not need any more
     """
 
     instrument: Instrument
@@ -49,6 +51,7 @@ class Ready:
     band_filter: Filter
     zone: Zone
     phase: Array
+    uniform: Array
     layers: tuple[Layer, ...]
     beams: Beams
     nominal_layers: tuple[Layer, ...]
@@ -121,12 +124,11 @@ def frame(
     taken, nominal = ready.beams.frame(shift), ready.nominal_beams.frame(shift)
     watch.lap("frames")
     errors = errors_of(ready)
-    uniform = np.sum([layer.pattern[0] for layer in ready.layers], axis=0)
     dark = dead_rows(traced)
-    lit = np.ones(len(uniform), bool)
+    lit = np.ones(len(ready.uniform), bool)
     for first, last in dark:
         lit[first:last] = False
-    contrast = _fringe_contrast(uniform[lit], ready.phase[lit])
+    contrast = _fringe_contrast(ready.uniform[lit], ready.phase[lit])
     return Frame(
         band, ready.zone.x_m, ready.zone.y_m, traced.rows, traced.columns, taken, nominal,
         ready.phase / (2.0 * np.pi * traced.sigma0), traced.sigma0, float(taken.mean()),
@@ -208,7 +210,10 @@ def ready_for(
     beams = prepare(layers, placed.maps, zone, tolerance=IMAGES, precision=precision)
     bare = prepare(nominal, placed.maps, zone, tolerance=IMAGES, precision=precision) if ghosts else beams
     watch.lap("images")
-    return Ready(loaded, field, placed, band_filter, zone, phase, layers, beams, nominal, bare)
+    uniform = np.sum([layer.pattern[0] for layer in layers], axis=0)
+    if ghosts:
+        layers = tuple(replace(layer, pattern=layer.pattern[:, :0]) for layer in layers)
+    return Ready(loaded, field, placed, band_filter, zone, phase, uniform, layers, beams, nominal, bare)
 
 
 def zone_on(field: FringeField, scene: Scene, phase: Array) -> Zone:
