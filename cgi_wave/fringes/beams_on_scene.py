@@ -75,7 +75,6 @@ class Smooth:
     rows at scroll 0; step: rows of the scene per coarse row; size: coarse rows of each layer, both (E,)."""
 
     grid: smooth.Grid
-    carrier: Real
     turn: Real
     own: Index
     fringed: Real
@@ -157,7 +156,7 @@ class Beams:
         self, s: Smooth, shift: float, out: Real, term: Sharp, index: Index, weight: Real, first: int, last: int
     ) -> None:
         kernels.frame_rows(
-            out, term.pattern, term.image, index, weight, s.carrier, s.turn, s.own, s.fringed, s.plain, s.coarse,
+            out, term.pattern, term.image, index, weight, s.turn, s.own, s.fringed, s.plain, s.coarse,
             s.row, shift / s.step, s.size, self.wrap, s.grid.table, first, last,
         )  # fmt: skip
 
@@ -468,7 +467,7 @@ def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: 
     )
     phase = np.zeros(zone.shape) if zone.phase is None else zone.phase
     return Smooth(
-        where, *smooth.carriers(phase, where, dtype), own, fringed, plain, coarse,
+        where, smooth.turns(phase, where, dtype), own, fringed, plain, coarse,
         np.repeat([part.row for part in parts], modes, axis=0), np.repeat([part.step for part in parts], modes), size,
     )  # fmt: skip
 

@@ -55,14 +55,10 @@ def grid(shape: tuple[int, int], pitch: int, dtype: type) -> Grid:
     return Grid(pitch, *shape, lagrange(np.arange(pitch) / pitch).astype(dtype))
 
 
-def carriers(phase: Array, where: Grid, dtype: type) -> tuple[Real, Real]:
-    """cos and sin of the phase (R, X) on the first row of every cell (2, cells, X), and of what each row is ahead of
-    it, at the nodes (2, R, K)."""
-    first = phase[:: where.pitch]
-    ahead = at_nodes(phase - np.repeat(first, where.pitch, axis=0)[: len(phase)], where)
-    own: Real = np.array([np.cos(first), np.sin(first)], dtype=dtype)
-    turn: Real = np.array([np.cos(ahead), np.sin(ahead)], dtype=dtype)
-    return own, turn
+def turns(phase: Array, where: Grid, dtype: type) -> Real:
+    """(2, R, K) cos and sin of the phase (R, X) of every row, at the nodes."""
+    ahead = at_nodes(phase, where)
+    return np.array([np.cos(ahead), np.sin(ahead)], dtype=dtype)
 
 
 def at_nodes(rows: Array, where: Grid) -> Array:

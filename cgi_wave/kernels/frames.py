@@ -4,9 +4,9 @@ A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, index[j], x] + Σ_h har
 sum holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a row. The
 second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every ``pitch``
 pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation:
-along y on the nodes, once per row of pixels, then along x inside the loop over pixels, where all pixels of a cell share
-four nodes per harmonic. The carriers cos θ, sin θ are held for one row per cell: to the other rows the envelopes are
-turned, on the nodes. So a frame moves hardly more memory than pattern, image and result take.
+along y on the nodes, once per row of pixels, where harmonics meet their envelopes too, since fringes run along x and
+change as slowly across track as these; then along x inside the loop over pixels, where all pixels of a cell share four
+nodes. So a frame moves hardly more memory than pattern, image and result take.
 
 All arrays of one call share one floating type, so that nothing is converted on the way. Loops over pixels are functions
 of their own on contiguous rows: that is what lets the compiler vectorise them. No sum is reordered, and every row is
@@ -193,53 +193,48 @@ def _add_products(total, a, b):
 
 
 @njit(**_JIT)
-def _rotated(plain, c1, s1, c2, s2, turn_c, turn_s):
-    """Envelopes of a pixel row whose phase is δ ahead of the carrier's, turned onto the carrier and folded:
-
-    A + C1 cos θ + S1 sin θ + C2 cos 2θ + S2 sin 2θ = (A − C2) + S1 s + c·(C1 + 2 C2 c + 2 S2 s), as cos 2θ = 2c² − 1.
-    """
+def _folded(plain, c1, s1, c2, s2, cosine, sine):
+    """All kinds of a row of nodes added up, into the first: A + C1 cos θ + S1 sin θ + C2 cos 2θ + S2 sin 2θ."""
     for k in range(plain.shape[0]):
-        c, s = turn_c[k], turn_s[k]
-        a, b = c1[k], s1[k]
-        c1[k], s1[k] = c * a + s * b, c * b - s * a
-        c, s = c * c - s * s, c * s + c * s
-        a, b = c2[k], s2[k]
-        a, b = c * a + s * b, c * b - s * a
-        plain[k] -= a
-        c2[k], s2[k] = a + a, b + b
+        c, s = cosine[k], sine[k]
+        plain[k] += c * c1[k] + s * s1[k] + (c * c - s * s) * c2[k] + (c * s + c * s) * s2[k]
 
 
 @njit(**_JIT)
-def _mixed(out, ring, first, w, turn_c, turn_s):
-    """Nodes of one pixel row, (M·K), from four rows of nodes: ring (4, M·K), place by number mod 4."""
+def _mixed(out, ring, first, w, cosine, sine):
+    """Nodes of one pixel row, in out[:K] of (M·K), from four rows of nodes: ring (4, M·K), place by number mod 4."""
     a, b, c, d = ring[first % 4], ring[(first + 1) % 4], ring[(first + 2) % 4], ring[(first + 3) % 4]
     _weighted(out, a, b, c, d, w[0], w[1], w[2], w[3])
-    nodes = turn_c.shape[0]
+    nodes = cosine.shape[0]
     if out.shape[0] > nodes:
-        _rotated(out[:nodes], out[nodes : 2 * nodes], out[2 * nodes : 3 * nodes], out[3 * nodes : 4 * nodes],
-                 out[4 * nodes :], turn_c, turn_s)  # fmt: skip
+        _folded(out[:nodes], out[nodes : 2 * nodes], out[2 * nodes : 3 * nodes], out[3 * nodes : 4 * nodes],
+                out[4 * nodes :], cosine, sine)  # fmt: skip
 
 
-def _lanes(kinds, fresh, name):
-    """``LANES`` neighbouring pixels at once, written in the compiler's own vectors.
+def _lanes(fresh, name):
+    """``LANES`` neighbouring pixels at once, from the nodes k … k + 3, written in the compiler's own vectors.
 
-    The loop over the pixels of a cell is too short for the compiler to vectorise by itself; the four nodes of each
-    kind, a tuple of numbers, stay in registers. Sets out[x:] to pattern·image + value, or adds the value.
+    The loop over the pixels of a cell is too short for the compiler to vectorise by itself. Sets out[x:] to
+    pattern·image + Σ_d w[d, p:] node[k + d], or adds the sum.
     """
 
-    def typed(context, out, pattern, image, cosine, sine, w, x, p, node):
+    def typed(context, out, pattern, image, w, node, x, p, k):
         def code(target, builder, signature, args):
             real = target.get_data_type(out.dtype)
             lanes, size = ir.VectorType(real, LANES), target.get_abi_sizeof(real)
             nothing, zeros = ir.Constant(lanes, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), LANES), None)
             data = [target.make_array(kind)(target, builder, value).data
-                    for kind, value in zip(signature.args[:6], args[:6], strict=True)]  # fmt: skip
+                    for kind, value in zip(signature.args[:5], args[:5], strict=True)]  # fmt: skip
+            _, pitch = cgutils.unpack_tuple(builder, target.make_array(w)(target, builder, args[3]).shape, 2)
 
             def place(n, at):
                 return builder.bitcast(builder.gep(data[n], [at]), lanes.as_pointer())
 
             def load(n, at):
                 return builder.load(place(n, at), align=size)
+
+            def ahead(at, steps, d):
+                return builder.add(at, builder.mul(steps, ir.Constant(steps.type, d)))
 
             def all_of(number):
                 one = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
@@ -248,121 +243,50 @@ def _lanes(kinds, fresh, name):
             def fused(a, b, c):
                 return builder.fadd(builder.fmul(a, b, flags=("contract",)), c, flags=("contract",))
 
-            number = cgutils.unpack_tuple(builder, args[8], 4 * kinds)
-            _, pitch = cgutils.unpack_tuple(builder, target.make_array(w)(target, builder, args[5]).shape, 2)
-            at = [builder.add(args[7], builder.mul(pitch, ir.Constant(pitch.type, d))) for d in range(4)]
-            weight = [load(5, a) for a in at]
-
-            turn = (load(3, args[6]), load(4, args[6])) if kinds == 5 else None
-
-            def value(d):
-                total = all_of(number[d])
-                if turn is not None:
-                    c, s = turn
-                    inner = fused(s, all_of(number[16 + d]), fused(c, all_of(number[12 + d]), all_of(number[4 + d])))
-                    total = fused(c, inner, fused(s, all_of(number[8 + d]), total))
-                return total
-
-            total = builder.fmul(weight[0], value(0), flags=("contract",))
-            for d in (1, 2, 3):
-                total = fused(weight[d], value(d), total)
             if fresh:
-                total = fused(load(1, args[6]), load(2, args[6]), total)
+                total = builder.fmul(load(1, args[5]), load(2, args[5]), flags=("contract",))
             else:
-                total = builder.fadd(load(0, args[6]), total)
-            builder.store(total, place(0, args[6]), align=size)
+                total = load(0, args[5])
+            for d in range(4):
+                number = builder.load(builder.gep(data[4], [builder.add(args[7], ir.Constant(args[7].type, d))]))
+                total = fused(load(3, ahead(args[6], pitch, d)), all_of(number), total)
+            builder.store(total, place(0, args[5]), align=size)
             return target.get_dummy_value()
 
-        return types.void(out, pattern, image, cosine, sine, w, x, p, node), code
+        return types.void(out, pattern, image, w, node, x, p, k), code
 
     typed.__name__ = typed.__qualname__ = name
     return intrinsic(typed)
 
 
-def _nodes(kinds, name):
-    """A tuple of the nodes k … k + 3 of each kind, of a line that holds ``nodes`` of them per kind.
-
-    A compiled function that returned so long a tuple would be called, and hand it over through memory.
-    """
-
-    def typed(context, node, k, nodes):
-        found = types.UniTuple(node.dtype, 4 * kinds)
-
-        def code(target, builder, signature, args):
-            data = target.make_array(signature.args[0])(target, builder, args[0]).data
-            numbers = []
-            for h in range(kinds):
-                start = builder.add(args[1], builder.mul(args[2], ir.Constant(args[2].type, h)))
-                for d in range(4):
-                    numbers.append(builder.load(builder.gep(data, [builder.add(start, ir.Constant(start.type, d))])))
-            return target.make_tuple(builder, found, numbers)
-
-        return found(node, k, nodes), code
-
-    typed.__name__ = typed.__qualname__ = name
-    return intrinsic(typed)
-
-
-_set1, _add1 = _lanes(1, True, "_set1"), _lanes(1, False, "_add1")
-_set5, _add5 = _lanes(5, True, "_set5"), _lanes(5, False, "_add5")
-_nodes1, _nodes5 = _nodes(1, "_nodes1"), _nodes(5, "_nodes5")
+_set_lanes, _add_lanes = _lanes(True, "_set_lanes"), _lanes(False, "_add_lanes")
 
 
 @njit(**_JIT)
-def _between(n, h, w, p):
-    return w[0, p] * n[4 * h] + w[1, p] * n[4 * h + 1] + w[2, p] * n[4 * h + 2] + w[3, p] * n[4 * h + 3]
+def _between(node, k, w, p):
+    return w[0, p] * node[k] + w[1, p] * node[k + 1] + w[2, p] * node[k + 2] + w[3, p] * node[k + 3]
 
 
 @njit(**_JIT)
-def _pixel5(n, w, p, c, s):
-    turned = _between(n, 1, w, p) + c * _between(n, 3, w, p) + s * _between(n, 4, w, p)
-    return _between(n, 0, w, p) + s * _between(n, 2, w, p) + c * turned
-
-
-@njit(**_JIT)
-def _set_row1(out, pattern, image, cosine, sine, w, node):
-    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0]
+def _set_row(out, pattern, image, w, node):
+    """A row of pixels: pattern·image and, from its nodes (K,), all smooth layers."""
+    pitch, whole = w.shape[1], out.shape[0] // w.shape[1]
     for k in range(whole):
-        n = _nodes1(node, k, nodes)
         for p in range(0, pitch, LANES):
-            _set1(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
+            _set_lanes(out, pattern, image, w, node, k * pitch + p, p, k)
     for x in range(whole * pitch, out.shape[0]):
-        out[x] = pattern[x] * image[x] + _between(_nodes1(node, whole, nodes), 0, w, x - whole * pitch)
+        out[x] = pattern[x] * image[x] + _between(node, whole, w, x - whole * pitch)
 
 
 @njit(**_JIT)
-def _add_row1(out, pattern, image, cosine, sine, w, node):
-    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0]
+def _add_row(out, w, node):
+    """The same of the smooth layers alone, added."""
+    pitch, whole = w.shape[1], out.shape[0] // w.shape[1]
     for k in range(whole):
-        n = _nodes1(node, k, nodes)
         for p in range(0, pitch, LANES):
-            _add1(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
+            _add_lanes(out, out, out, w, node, k * pitch + p, p, k)
     for x in range(whole * pitch, out.shape[0]):
-        out[x] += _between(_nodes1(node, whole, nodes), 0, w, x - whole * pitch)
-
-
-@njit(**_JIT)
-def _set_row5(out, pattern, image, cosine, sine, w, node):
-    """A row of pixels: pattern·image and, from its nodes (M·K), all smooth layers; ``_add_row5``: the latter alone."""
-    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0] // 5
-    for k in range(whole):
-        n = _nodes5(node, k, nodes)
-        for p in range(0, pitch, LANES):
-            _set5(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
-    for x in range(whole * pitch, out.shape[0]):
-        n = _nodes5(node, whole, nodes)
-        out[x] = pattern[x] * image[x] + _pixel5(n, w, x - whole * pitch, cosine[x], sine[x])
-
-
-@njit(**_JIT)
-def _add_row5(out, pattern, image, cosine, sine, w, node):
-    pitch, whole, nodes = w.shape[1], out.shape[0] // w.shape[1], node.shape[0] // 5
-    for k in range(whole):
-        n = _nodes5(node, k, nodes)
-        for p in range(0, pitch, LANES):
-            _add5(out, pattern, image, cosine, sine, w, k * pitch + p, p, n)
-    for x in range(whole * pitch, out.shape[0]):
-        out[x] += _pixel5(_nodes5(node, whole, nodes), w, x - whole * pitch, cosine[x], sine[x])
+        out[x] += _between(node, whole, w, x - whole * pitch)
 
 
 @njit(**_JIT)
@@ -380,16 +304,14 @@ def _node_row(total, i, fringed, plain, coarse, row, shift, size, wrap, many, on
 
 @njit(**_JIT)
 def frame_rows(
-    out, pattern, image, index, weight, carrier, turn, own, fringed, plain, coarse, row, shift, size, wrap, table,
-    first, last,
+    out, pattern, image, index, weight, turn, own, fringed, plain, coarse, row, shift, size, wrap, table, first, last,
 ):  # fmt: skip
     """Rows first…last − 1 of a frame, set: one sharp layer and all smooth layers. ``first`` starts a cell.
 
     The last axis of every array has to be contiguous.
 
     out (R, X); pattern, image, index, weight: see ``sharp_rows``
-    carrier (2, cells, X): cos and sin of the nominal phase on the first row of each cell; turn (2, R, K): of what each
-    row is ahead of it, at the nodes
+    turn (2, R, K): cos and sin of the nominal phase of each row of pixels, at the nodes
     fringed (N, E, 5 K), plain (N, F, K): envelopes of layers with and without fringes, of 1, and for the former of
     cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the first one pitch before the zone
     own (R,): number of the row of nodes that serves this row of pixels alone, or −1
@@ -412,19 +334,13 @@ def frame_rows(
         done = cell + 4
         if own[j] < 0:
             _mixed(mixed, ring, cell, along[j - cell * pitch], turn[0, j], turn[1, j])
-        else:  # all of it is in the first kind, which nothing turns
+        else:  # all of it is in the first kind
             _node_row(mixed, own[j], fringed, plain, coarse, row, shift, size, wrap, many, one, w)
-        if not fresh:
-            _sharp_row(out[j], pattern, image, index, weight, j, False)
-        sample, c, s = image[0, index[j, 0]], carrier[0, cell], carrier[1, cell]
-        if kinds == 1 and fresh:
-            _set_row1(out[j], pattern[0, j], sample, c, s, table, mixed)
-        elif kinds == 1:
-            _add_row1(out[j], pattern[0, j], sample, c, s, table, mixed)
-        elif fresh:
-            _set_row5(out[j], pattern[0, j], sample, c, s, table, mixed)
+        if fresh:
+            _set_row(out[j], pattern[0, j], image[0, index[j, 0]], table, mixed)
         else:
-            _add_row5(out[j], pattern[0, j], sample, c, s, table, mixed)
+            _sharp_row(out[j], pattern, image, index, weight, j, False)
+            _add_row(out[j], table, mixed)
 
 
 @njit(**_JIT)

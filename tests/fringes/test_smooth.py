@@ -41,7 +41,8 @@ def plain_sum(parts, z, where, shift, wrap):
     along, _ = where.nodes
     out = np.zeros(z.shape)
     theta = np.zeros(z.shape) if z.phase is None else z.phase
-    turn = [np.ones(z.shape), np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)]
+    theta = smooth.at_nodes(theta, where)
+    turn = [np.ones_like(theta), np.cos(theta), np.sin(theta), np.cos(2 * theta), np.sin(2 * theta)]
     for part in parts:
         for c, image in enumerate(part.coarse):
             node = np.array([cubic_line(image, place + shift / part.step, wrap) for place in part.row])
@@ -53,7 +54,7 @@ def plain_sum(parts, z, where, shift, wrap):
                     else:
                         line = cubic_line(field[: len(along)], j / where.pitch + 1.0, False)
                     for x in range(z.shape[1]):
-                        out[j, x] += turn[h][j, x] * cubic_line(line, x / where.pitch + 1.0, False)
+                        out[j, x] += cubic_line(turn[h][j] * line, x / where.pitch + 1.0, False)
     return out
 
 
@@ -80,16 +81,12 @@ def test_every_pixel_is_the_plain_sum(pitch, wrap, period, modes):
             np.testing.assert_array_equal(beams.frame(shift, None, pool), beams.frame(shift))
 
 
-def test_carriers_of_every_row_are_those_of_its_cell_turned():
-    z = zone(43, 37, period=19.0, tilt=0.3)
-    where = smooth.grid(z.shape, 8, np.float64)
-    (c, s), (turn_c, turn_s) = smooth.carriers(z.phase, where, np.float64)
-    for j in (0, 7, 8, 41):
-        for k, x in enumerate(where.nodes[1]):
-            if 0 <= x < 37:
-                x = int(x)
-                ours = complex(c[j // 8, x], s[j // 8, x]) * complex(turn_c[j, k], turn_s[j, k])
-                assert ours == pytest.approx(np.exp(1j * z.phase[j, x]), abs=1e-12)
+def test_fringes_across_the_grid_are_not_taken_for_smooth():
+    """Fringes that cross a cell are none that nodes carry: measured, and refused."""
+    for tilt, way in ((0.02, "smooth"), (6.0, "sharp")):
+        z = zone(150, 130, 30.0, 20.0, period=45.0, tilt=tilt)
+        ghost = layer(1e-2 * fringes(z), None, gaussian(24.0, 5.0))
+        assert prepare([layer(fringes(z)), ghost], scene(320, 170), z, tolerance=1e-4).plans[1].way == way
 
 
 def test_edges_are_left_by_the_cubic():
