@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -36,7 +36,7 @@ Progress = Callable[[str], None]
 #: x0, x1, y0, y1 of the pixels' outer edges, m.
 ZoneEdges = tuple[float, float, float, float]
 #: Largest error that the choices for images add to a frame, relative irradiance times the scene's largest value.
-IMAGES = 1e-6
+IMAGES = 1e-4
 #: Pixels beyond the zone up to which a scene that needs no file goes on, where beams look; beyond, its edge does.
 WIDEST_MARGIN = 256
 
@@ -48,6 +48,8 @@ class Ready:
     scene : placed on the zone; phase (R, X) : rad, 2πσ0 times the nominal OPD; image : the scene through the nominal
     PSF, None if the field has none; edge, mutual : errors by what lies beyond the scene, and by pairs' own images, see
     ``errors_of``
+    uniform (R, X) : frame of a uniform scene of the reference albedo
+    layers : without their patterns, which frames do not need any more
     """
 
     instrument: Instrument
@@ -56,6 +58,7 @@ class Ready:
     band_filter: Filter
     zone: Zone
     phase: Array
+    uniform: Array
     layers: tuple[Layer, ...]
     beams: Beams
     nominal_layers: tuple[Layer, ...]
@@ -140,9 +143,8 @@ def framed(
     taken, nominal = ready.beams.frame(shift), ready.nominal_beams.frame(shift)
     watch.lap("frames")
     errors = errors_of(ready)
-    uniform = np.sum([layer.pattern[0] for layer in ready.layers], axis=0)
     dark, lit = dead_rows(traced), lit_rows(traced)
-    contrast = _fringe_contrast(uniform[lit], ready.phase[lit])
+    contrast = _fringe_contrast(ready.uniform[lit], ready.phase[lit])
     return Frame(
         traced.band, ready.zone.x_m, ready.zone.y_m, traced.rows, traced.columns, taken, nominal,
         ready.phase / (2.0 * np.pi * traced.sigma0), traced.sigma0, float(taken.mean()),
@@ -239,14 +241,20 @@ def ready_for(
     edge = edge_error(layers, field.psf, placed.maps, zone, reach)
     apart = mutual_error(field, placed.maps[0]) if ghosts else (0.0, 0.0)
     watch.lap("errors")
-    return Ready(loaded, field, placed, band_filter, zone, phase, layers, beams, nominal, bare, image, edge, apart)
+    uniform = np.sum([layer.pattern[0] for layer in layers], axis=0)
+    if ghosts:
+        layers = tuple(replace(layer, pattern=layer.pattern[:, :0]) for layer in layers)
+    return Ready(
+        loaded, field, placed, band_filter, zone, phase, uniform, layers, beams, nominal, bare, image, edge, apart
+    )
 
 
 def zone_on(field: FringeField, scene: Scene, phase: Array) -> Zone:
     """The field's pixels on a placed scene. phase (R, X) : rad, of the nominal OPD."""
     x, y = field.x_pixels, field.y_pixels
     column, row = ((at - origin) / scene.pixel_m for at, origin in zip((x[0], y[0]), scene.origin_m, strict=True))
-    return Zone(x, y, _whole(row), _whole(column), phase)
+    dark = tuple(row for first, last in dead_rows(field) for row in range(first, last))
+    return Zone(x, y, _whole(row), _whole(column), phase, dark)
 
 
 def errors_of(ready: Ready) -> dict[str, float]:

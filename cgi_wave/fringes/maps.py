@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def window(phase: Array, dtype: type = np.float32, lit: NDArray[np.bool_] | None
     Raises MethodLimitError for fewer than 4 samples per fringe anywhere, less than a fringe, or fewer than 7 rows.
     """
     rows = len(phase)
-    steepest = float(np.abs(np.diff(phase, axis=0)).max()) / (2.0 * np.pi)
+    steepest = max(float(np.abs(b - a).max()) for a, b in pairwise(phase)) / (2.0 * np.pi)
     if steepest > (1.0 + 1e-9) / MIN_SAMPLES_PER_FRINGE:
         raise MethodLimitError(
             METHOD, f"at least {MIN_SAMPLES_PER_FRINGE:.0f} samples per fringe, here {1.0 / steepest:.3g}",
@@ -107,10 +108,12 @@ def window(phase: Array, dtype: type = np.float32, lit: NDArray[np.bool_] | None
             METHOD, f"at least {MIN_ROWS} rows outside dead zones, here {len(inside)}",
             MIN_ROWS / max(len(inside), 1), "take a longer zone",
         )  # fmt: skip
-    theta = phase[inside] - phase[rows // 2]
-    return Window(
-        inside, np.asarray(offset[inside] / half), np.cos(theta).astype(dtype), np.sin(theta).astype(dtype), fringes
-    )
+    cosine: Real = np.empty((len(inside), phase.shape[1]), dtype)
+    sine: Real = np.empty_like(cosine)
+    for k, j in enumerate(inside):  # row by row: nothing of double length is left behind
+        theta = phase[j] - phase[rows // 2]
+        cosine[k], sine[k] = np.cos(theta), np.sin(theta)
+    return Window(inside, np.asarray(offset[inside] / half), cosine, sine, fringes)
 
 
 class GroundFit:
