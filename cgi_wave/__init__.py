@@ -79,6 +79,7 @@ _HOME = {
     "zone_rows": "analysis",
     # frames over scenes, the scroll
     "Detector": "fringes.detector",
+    "detector_frame": "mosaic",
     "frame": "frames",
     "fringe_field": "fields",
     "load_field": "fringes.field_file",
@@ -87,6 +88,7 @@ _HOME = {
     "scroll": "scrolling",
     # pictures
     "plot_contrast": "report.plots",
+    "plot_detector": "report.frame_plots",
     "plot_frame": "report.frame_plots",
     "plot_irradiance": "report.plots",
     "plot_layout": "report.plots",

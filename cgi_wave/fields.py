@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import PROCESSES, Task, prepare_band, setting_of
 from cgi_wave.budget.fringefield import (
+    CHECKS,
     NODES,
     TracedPoint,
     assemble,
@@ -23,6 +24,7 @@ from cgi_wave.budget.fringefield import (
     zone_of,
     zone_rows_lit,
 )
+from cgi_wave.budget.nominal_psf import PointPsf, assembled, point_psf, psf_points
 from cgi_wave.budget.setting import Setting, band_setting
 from cgi_wave.fringes.field import FringeField
 from cgi_wave.optics.system import load_instrument
@@ -56,12 +58,15 @@ def fringe_field(
     loaded = load_instrument(instrument)
     system = loaded.band(band)
     rows, _ = zone_rows_lit(loaded, system)
-    _, _, places = node_points(zone_of(system, rows)[0], nodes)
+    zone = zone_of(system, rows)[0]
+    _, _, places = node_points(zone, nodes)
+    x, y, seen = psf_points(zone, CHECKS)
     centre = nodes[0] * nodes[1] // 2
     with ProcessPoolExecutor(PROCESSES) as pool:
         progress(f"{band}: searching ghost paths")
         task, _ = pool.submit(prepare_band, loaded.raw, loaded.file, band, tolerance, False).result()
         pending = [pool.submit(_trace, task, place, k == centre) for k, place in enumerate(places)]
+        images = [pool.submit(_image, task, place) for place in seen]
         points = []
         for future in pending:
             points.append(future.result())
@@ -73,14 +78,21 @@ def fringe_field(
         ]
         more = [None if future is None else future.result() for future in again]
         progress(f"{band}: {sum(map(bool, wanted))} field points completed with pairs that others keep")
+        progress(f"{band}: nominal point-spread functions at {len(seen)} points")
+        psf = assembled([future.result() for future in images], x, y, seen)
     setting = band_setting(system)
-    return BandField(assemble(loaded, setting, task.paths, points, more, nodes), setting)
+    return BandField(replace(assemble(loaded, setting, task.paths, points, more, nodes), psf=psf), setting)
 
 
 def _trace(task: Task, place: Array, dense: bool) -> TracedPoint:
     with threadpool_limits(1):
         setting = setting_of(task.raw, task.file, task.band)
         return traced_point(setting, task.paths, place, task.tolerance, dense)
+
+
+def _image(task: Task, place: Array) -> PointPsf:
+    with threadpool_limits(1):
+        return point_psf(setting_of(task.raw, task.file, task.band), task.paths[:2], place)
 
 
 def _complete(task: Task, place: Array, keys: list[tuple[str, str]]) -> TracedPoint:

@@ -95,7 +95,10 @@ def _along(
 ) -> Array:  # fmt: skip
     """(J,) what the layers give on the rows that see the point, each in its frame."""
     zone = zone_on(narrow, ready.scene, ready.phase[:, strip])
-    beams: Beams = prepare(layers, ready.scene.maps, zone, tolerance=IMAGES, precision="float64")
+    image = None
+    if ready.image is not None:
+        image = replace(ready.image, maps=ready.image.maps[..., strip])
+    beams: Beams = prepare(layers, ready.scene.maps, zone, tolerance=IMAGES, precision="float64", nominal=image)
     return np.array([
         beams.frame(float(moves.rows[k]))[j, column] for k, j in zip(seen.tolist(), row.tolist(), strict=True)
     ])  # fmt: skip

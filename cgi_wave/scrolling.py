@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave import DEFAULT_TOLERANCE
-from cgi_wave.frames import Progress, Ready, Stopwatch, errors_of, field_of, ready_for
+from cgi_wave.frames import Progress, Ready, Stopwatch, errors_of, field_of, lit_rows, ready_for
 from cgi_wave.fringes.beams_on_scene import LayerPlan
 from cgi_wave.fringes.detector import Detector
 from cgi_wave.fringes.field import FringeField
@@ -114,7 +114,8 @@ def scroll(
     low = float(moves.rows.min())
     if low < 0.0:  # the scene begins where the first row looks
         moves = Motion(moves.rows + np.ceil(-low), moves.step)
-    ready = ready_for(loaded, traced, scene, float(moves.rows.max()), True, "float32", progress, watch)
+    fractions = bool(np.any(moves.rows != np.rint(moves.rows)))
+    ready = ready_for(loaded, traced, scene, float(moves.rows.max()), True, "float32", progress, watch, fractions)
     middle = ready.phase[:, ready.phase.shape[1] // 2]
     per_fringe = 2.0 * np.pi * (len(middle) - 1) / abs(float(middle[-1] - middle[0]))
     plan = plan_tdi(len(middle), tdi, per_fringe, moves) if tdi != 1 else None
@@ -149,14 +150,17 @@ def scroll(
 def _fit_of(ready: Ready, plan: Tdi | None, moves: Motion) -> tuple[Window, Motion]:
     """The window of the fit and the motion of what it is fed with: frames, or means over TDI rows.
 
-    A mean stands on the first of its rows, in frames as long as the others, with the phase of the mean OPD.
+    A mean stands on the first of its rows, in frames as long as the others, with the phase of the mean OPD. Rows in
+    dead zones, and means that one of them is in, take no part.
     """
+    lit = lit_rows(ready.field)
     if plan is None:
-        return window(ready.phase), moves
+        return window(ready.phase, lit=lit), moves
     low = np.floor(plan.mean_row).astype(int)
     high = np.minimum(low + 1, len(ready.phase) - 1)
     part = (plan.mean_row - low)[:, None]
-    fit = window((1.0 - part) * ready.phase[low] + part * ready.phase[high])
+    bright = lit[plan.first[:, None] + plan.offsets[None, :]].all(axis=1)
+    fit = window((1.0 - part) * ready.phase[low] + part * ready.phase[high], lit=bright)
     return replace(fit, rows=plan.first[fit.rows]), Motion(moves.rows[int(plan.offsets[-1]) :], moves.step)
 
 

@@ -254,7 +254,7 @@ def study(band: str = "NIR", pixels: int = 60, stream: bool = True, out: Path = 
     if stream:
         from validation import fringes_stream
 
-        found |= fringes_stream.study()
+        found |= fringes_stream.study(field.field)
     return found
 
 

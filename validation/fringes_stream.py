@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
@@ -17,20 +20,26 @@ from typing import Any
 
 import numpy as np
 
+from cgi_wave.fields import fringe_field
+from cgi_wave.frames import Stopwatch, ready_for
 from cgi_wave.fringes.beams_on_scene import Beams, prepare
-from cgi_wave.fringes.field import SceneView
+from cgi_wave.fringes.field import FringeField, SceneView
+from cgi_wave.fringes.field_file import load_field
 from cgi_wave.fringes.layer import Zone
-from cgi_wave.fringes.maps import GroundFit, window
+from cgi_wave.fringes.maps import GroundFit, Window, window
 from cgi_wave.fringes.pattern import Layer
-from cgi_wave.fringes.scroll import motion, stream
+from cgi_wave.fringes.scroll import give_back, motion, stream
+from cgi_wave.optics.system import load_instrument
 
 SIZE, PITCH, GHOSTS = 1024, 15e-6, 20
 FRAMES = (200, 2000)
+REAL_FRAMES = 600  # of the real scene, after which they are gone through again
 NO_ERRORS = dict.fromkeys([field.name for field in fields(Layer)][3:], 0.0)
 
 
-def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -> Beams:
-    """A frame of ten fringes with blurred ghost families, over a rough scene of its own height that repeats.
+def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -> tuple[Beams, Window]:
+    """A frame of ten fringes with blurred ghost families, over a rough scene of its own height that repeats; and the
+    window of the fit to it.
 
     Patterns are synthetic on purpose: the time of a frame depends on how many layers there are and how smooth, not on
     where they come from.
@@ -54,46 +63,68 @@ def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -
         affine = np.array([[sign * (1.0 + 0.01 * n), 0.0, 1e-5], [0.0, sign * (1.0 - 0.02 * n), 2e-5]])
         layers.append(layer(f"ghost {n}", pattern, SceneView(n + 1, f"ghost {n}", affine, kernel, 0.0)))
     scene = 0.2 + 0.8 * np.random.default_rng(0).random((1, size, size), dtype=np.float32)
-    return prepare(layers, scene, zone, tolerance=tolerance, tile=True)
+    return prepare(layers, scene, zone, tolerance=tolerance, tile=True), window(phase)
 
 
-def stream_fraction(repeats: int = 12, batch: int = 40) -> dict[str, Any]:
+def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch: int = 4) -> dict[str, Any]:
     """Frames against out = a·b over arrays of a frame's size, two threads each, in turns; the best of each counts.
 
-    Both are counted as two arrays read and one written.
+    Both are counted as two arrays read and one written. With synthetic ghosts, and over the embedded scene with those
+    of a real field, if given. Batches are short, so that the best of them had the machine for itself.
     """
-    a, b, out = (np.random.default_rng(n).random((SIZE, SIZE), dtype=np.float32) for n in range(3))
-    half = SIZE // 2
-    spans = (slice(0, half), slice(half, SIZE))
-    bytes_moved = 3 * a.nbytes
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = {"load_average": os.getloadavg()[0]}
+    made = {
+        "no_ghosts": (synthetic(ghosts=0)[0], 1.0),
+        "ghosts": (synthetic()[0], 1.0),
+        "ghosts_fraction_of_a_row": (synthetic()[0], 1.25),
+    }
+    smooth = made["ghosts"][0].smooth
+    assert smooth is not None
+    found |= {"smooth_layers": len(smooth.row), "pitch": smooth.grid.pitch, "error": made["ghosts"][0].error}
+    found |= _turns(made, repeats, batch)
+    for name, share in (("ghosts", ""), ("no_ghosts", "_no_ghosts"), ("ghosts_fraction_of_a_row", "_part_rows")):
+        found[f"stream_fraction{share}"] = found["multiply_ms"] / found[f"{name}_ms"]
+    if field is not None:
+        beams = _real(field)
+        ways = Counter(f"{plan.way} {plan.pitch}" for plan in beams.plans)
+        times = _turns({"real": (beams, 1.0)}, repeats, batch)
+        found |= {"real_layers": dict(ways), "real_shape": beams.zone.shape, "real_error": beams.error}
+        found |= {"real_ms": times["real_ms"], "stream_fraction_real": times["multiply_ms"] / times["real_ms"]}
+    return found
+
+
+def _real(field: FringeField) -> Beams:
+    """The layers of a real field over the embedded scene, for as many frames as are timed."""
+    loaded = load_instrument()
+    ready = ready_for(loaded, field, "landsat", REAL_FRAMES, True, "float32", lambda _: None, Stopwatch())
+    return ready.beams
+
+
+def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> dict[str, float]:
+    """Milliseconds per frame of each, beams and rows per frame, and per multiplication, taking turns."""
+    shape = next(iter(made.values()))[0].zone.shape
+    a, b, out = (np.random.default_rng(n).random(shape, dtype=np.float32) for n in range(3))
+    half = shape[0] // 2
+    spans = (slice(0, half), slice(half, shape[0]))
     with ThreadPoolExecutor(2) as pool:
 
         def multiply(_: int) -> None:
             list(pool.map(lambda rows: np.multiply(a[rows], b[rows], out=out[rows]), spans))
 
-        runs = {"multiply": multiply}
-        for name, beams, step in (("no_ghosts", synthetic(ghosts=0), 1.0), ("ghosts", synthetic(), 1.0),
-                                  ("ghosts_fraction_of_a_row", synthetic(), 1.25)):  # fmt: skip
-            runs[name] = lambda k, beams=beams, step=step: beams.frame(step * k, out, pool)
-            if beams.smooth is not None:
-                found["smooth_layers"], found["pitch"] = len(beams.smooth.row), beams.smooth.grid.pitch
-                found["error"] = beams.error
+        runs: dict[str, Callable[[int], object]] = {"multiply": multiply}
+        for name, (beams, step) in made.items():
+            runs[name] = lambda k, beams=beams, step=step: beams.frame(step * (k % REAL_FRAMES), out, pool)
         best = dict.fromkeys(runs, np.inf)
         for run in runs.values():
             run(0)
-        for _ in range(repeats):
+        for turn in range(repeats):
             for name, run in runs.items():
                 started = time.perf_counter()
-                for k in range(batch):
+                for k in range(turn * batch, (turn + 1) * batch):
                     run(k)
                 best[name] = min(best[name], (time.perf_counter() - started) / batch)
-    for name, seconds in best.items():
-        found[f"{name}_ms"], found[f"{name}_gb_s"] = 1e3 * seconds, bytes_moved / seconds / 1e9
-    found["stream_fraction"] = best["multiply"] / best["ghosts"]
-    found["stream_fraction_no_ghosts"] = best["multiply"] / best["no_ghosts"]
-    found["stream_fraction_part_rows"] = best["multiply"] / best["ghosts_fraction_of_a_row"]
-    return found
+    found = {f"{name}_ms": 1e3 * seconds for name, seconds in best.items()}
+    return found | {f"{name}_gb_s": 3 * a.nbytes / seconds / 1e9 for name, seconds in best.items()}
 
 
 def memory_and_time() -> dict[str, Any]:
@@ -116,15 +147,16 @@ def memory_and_time() -> dict[str, Any]:
 
 def worker(frames: int) -> dict[str, float]:
     """Scroll, regroup and fit one sequence: seconds, and peak bytes per pixel above what the process held before."""
-    _scroll(synthetic(128, 2, 1e-3), 140)  # imports and compiles
+    _scroll(*synthetic(128, 2, 1e-3), 140)  # imports and compiles
     base = _resident("VmRSS")
     started = time.perf_counter()
-    beams = synthetic()
+    beams, fit = synthetic()
     prepared = time.perf_counter() - started
     setup = _resident("VmHWM")
+    give_back()  # as ``stream`` does before its first frame
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts anew: preparing is told apart from streaming
     started = time.perf_counter()
-    ground = _scroll(beams, frames)
+    ground = _scroll(beams, fit, frames)
     seconds = time.perf_counter() - started
     peak = _resident("VmHWM")
     return {
@@ -140,25 +172,30 @@ def _resident(name: str) -> int:
     return next(int(line.split()[1]) for line in lines if line.startswith(name))
 
 
-def _scroll(beams: Beams, frames: int) -> int:
+def _scroll(beams: Beams, fit: Window, frames: int) -> int:
     moves = motion(frames)
-    assert beams.zone.phase is not None
-    fit = GroundFit(window(beams.zone.phase), moves)
-    return sum(1 for frame in stream(beams, moves) for _ in fit.add(frame))
+    run = GroundFit(fit, moves)
+    return sum(1 for frame in stream(beams, moves) for _ in run.add(frame))
 
 
-def study() -> dict[str, Any]:
-    """All figures."""
-    return {**stream_fraction(), **memory_and_time()}
+def study(field: FringeField | None = None) -> dict[str, Any]:
+    """All figures; with those of a real field, if one is given."""
+    return {**stream_fraction(field), **memory_and_time()}
 
 
 def main() -> None:
     """Print the figures, or one JSON document."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--field", help="file of the NIR fringe field; traced if not given")
     parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    found = study() if options.worker is None else worker(options.worker)
+    if options.worker is not None:
+        found: dict[str, Any] = worker(options.worker)
+    elif options.field is not None:
+        found = study(load_field(options.field, {}))
+    else:
+        found = study(fringe_field("NIR").field)
     if options.json or options.worker is not None:
         print(json.dumps(found, indent=1))
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,7 @@ class FieldPoint:
 
     sheets: of ``paths``, in the order of ``coherency.labels``; empty: labels of paths that do not reach this point;
     unresolved: beams that a pair needed and whose field could not be made (the pair is then left out with its bound).
+    fields: pupil fields of the beams in pairs, by their number, if they were to be kept
     """
 
     x0: Array
@@ -61,6 +62,7 @@ class FieldPoint:
     plan: PairPlan
     empty: tuple[str, ...]
     unresolved: tuple[Unresolved, ...]
+    fields: Mapping[int, PupilField] = field(default_factory=dict, repr=False, compare=False)
 
 
 def pupil_samples(rays: Rays, path: Path, space: Space, sigma: Array, x0: Array, bend: float = 0.0) -> PupilSamples:
@@ -165,8 +167,11 @@ def field_point(
     return coherence_of(setting, trace_beams(setting, paths, x0, tolerance, cross_family, wanted), x0, tolerance)
 
 
-def coherence_of(setting: Setting, beams: Beams, x0: Array, tolerance: float) -> FieldPoint:
-    """The second half of ``field_point``: pupil fields and mutual coherence of what ``trace_beams`` found."""
+def coherence_of(setting: Setting, beams: Beams, x0: Array, tolerance: float, keep: bool = False) -> FieldPoint:
+    """The second half of ``field_point``: pupil fields and mutual coherence of what ``trace_beams`` found.
+
+    keep: the fields go into the result.
+    """
     system = setting.system
     sigma = chebyshev_wavenumbers(*setting.support, TRACED_WAVENUMBERS)
     fields, unresolved = _fields(system, beams, sigma, x0)
@@ -174,8 +179,8 @@ def coherence_of(setting: Setting, beams: Beams, x0: Array, tolerance: float) ->
     nominal = spot(system, beams.paths[0], beams.theta, system.sigma0).power
     share = nominal / power(fields[0])[0][TRACED_WAVENUMBERS // 2]
     transmission, error = beams.power.T * share
-    for number, field in fields.items():
-        value, relative = power(field)
+    for number, one in fields.items():
+        value, relative = power(one)
         transmission[number] = value[TRACED_WAVENUMBERS // 2] * share
         error[number] = transmission[number] * relative
     pairs, failed = _pairs(fields, transmission, beams.plan, setting, tolerance)
@@ -189,7 +194,8 @@ def coherence_of(setting: Setting, beams: Beams, x0: Array, tolerance: float) ->
         beams.plan.left_out.extended(failed),
         error,
     )
-    return FieldPoint(x0, beams.theta, beams.paths, beams.sheets, coherency, beams.plan, beams.empty, unresolved)
+    return FieldPoint(x0, beams.theta, beams.paths, beams.sheets, coherency, beams.plan, beams.empty, unresolved,
+                      fields if keep else {})  # fmt: skip
 
 
 def _fields(

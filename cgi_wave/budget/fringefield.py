@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.budget.fieldpoint import FieldPoint, coherence_of, families, trace_beams
+from cgi_wave.budget.mutual_psf import mutual_kernels
 from cgi_wave.budget.sceneview import Spread, spread_of, views
 from cgi_wave.budget.setting import Setting
 from cgi_wave.errors import InputError
 from cgi_wave.fringes import chebyshev
 from cgi_wave.fringes.coherency import Pair
-from cgi_wave.fringes.field import FieldPair, FringeField, Shadow, at_sigma
+from cgi_wave.fringes.field import FieldPair, FringeField, MutualKernel, Shadow, at_sigma
 from cgi_wave.fringes.psi import standard_error
 from cgi_wave.optics.system import Instrument, OpticalSystem
 from cgi_wave.rays.beams import Rays, Sheet
@@ -37,6 +38,7 @@ class TracedPoint:
     x0 (2,) m; theta (2,) source direction; labels, transmission, error (B,): beams that arrive; pairs by their labels
     in the order of the band's paths; sheets of the beams that a pair needs; spreads: of each family's light over source
     directions; half_angle: sine of the half angle of the nominal cone; left_out, left_out_baseline: see ``FringeField``
+    mutual: of pairs, at a dense point
     """
 
     x0: Array
@@ -50,6 +52,7 @@ class TracedPoint:
     half_angle: float
     left_out: float
     left_out_baseline: float
+    mutual: Mapping[Key, MutualKernel]
 
 
 def zone_rows_lit(
@@ -89,9 +92,21 @@ def node_points(zone: tuple[float, float, float, float], nodes: tuple[int, int] 
 
 
 def traced_point(setting: Setting, paths: Sequence[Path], x0: Array, tolerance: float, dense: bool) -> TracedPoint:
-    """Trace one field point; dense: with the fine spread of every family's light, for the kernels."""
+    """Trace one field point; dense: with the fine spread of every family's light, for the kernels, and of pairs."""
     beams = trace_beams(setting, paths, x0, tolerance)
-    return _reduced(coherence_of(setting, beams, x0, tolerance), beams.rays, paths, dense)
+    point = coherence_of(setting, beams, x0, tolerance, keep=dense)
+    reduced = _reduced(point, beams.rays, paths, dense)
+    if not dense:
+        return reduced
+    coherency = point.coherency
+    kernels = mutual_kernels(setting, paths[0], x0, point.fields, coherency.pairs, coherency.family)
+    # Which of the two beams stands first changes the sign of the imaginary part only, and no error.
+    rank = {path.label: k for k, path in enumerate(paths)}
+    named: dict[Key, MutualKernel] = {}
+    for pair, kernel in zip(coherency.pairs, kernels, strict=True):
+        one, other = coherency.labels[pair.m], coherency.labels[pair.l]
+        named[(one, other) if rank[one] < rank[other] else (other, one)] = kernel
+    return replace(reduced, mutual=named)
 
 
 def missing_pairs(
@@ -127,7 +142,7 @@ def _reduced(point: FieldPoint, rays: Sequence[Rays], paths: Sequence[Path], den
     left = [standard_error(coherency, coherency.left_out, frequency) for frequency in (1.0, 0.0)]
     return TracedPoint(
         point.x0, point.theta, labels, coherency.transmission, coherency.transmission_error, pairs, sheets, spreads,
-        0.5 * float(np.ptp(cone, axis=0).max()), *left,
+        0.5 * float(np.ptp(cone, axis=0).max()), left[0], left[1], {},
     )  # fmt: skip
 
 
@@ -246,7 +261,8 @@ def _pairs(
         for k in range(count, len(points)):
             turn = np.exp(2j * np.pi * sigma0 * (float(row @ opd[k]) - _at(path, y, x, places[k])))
             apart = max(apart, abs(strength[k] * complex(row @ gamma[k]) * turn - _at(contrast, y, x, places[k])))
-        found.append(FieldPair(made.m, made.l, sigma, made.gamma, made.opd_m, made.error, float(apart)))
+        mutual = next((point.mutual[key] for point in points if key in point.mutual), None)
+        found.append(FieldPair(made.m, made.l, sigma, made.gamma, made.opd_m, made.error, float(apart), mutual))
     return tuple(found)
 
 

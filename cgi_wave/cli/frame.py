@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -22,6 +23,7 @@ from cgi_wave.cli.shared import (
 from cgi_wave.errors import InputError
 
 if TYPE_CHECKING:
+    from cgi_wave.fringes.detector import Detector
     from cgi_wave.scrolling import Scrolled
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -56,11 +58,17 @@ def frame(
     """Make the frame that the detector records in BAND.
 
     Nominal beams and all ghosts over a scene, each with its own image of it, and the same without ghosts. Tracing the
-    fringe field takes most of the time: --field keeps it.
+    fringe field takes most of the time: --field keeps it. BAND may be several with commas between (VIS,NIR), a channel
+    or a detector: the frame is the whole detector's, and --field a folder with a file per band.
     """
     from cgi_wave.report import frame_file, output
 
-    _check(band, tolerance, instrument)
+    check_tolerance(tolerance)
+    bands = _bands(band, instrument)
+    if len(bands) > 1:
+        _detector_frame(bands, shift, no_ghosts, out, scene, field, pictures, tolerance, instrument, as_json)
+        return
+    band = bands[0]
     options = {"band": band, "scene": scene, "shift": shift, "ghosts": not no_ghosts, "field": field,
                "tolerance": tolerance, "instrument": instrument}  # fmt: skip
     if out:
@@ -95,6 +103,48 @@ def frame(
     )
 
 
+def _detector_frame(
+    bands: tuple[str, ...], shift: float, no_ghosts: bool, out: str | None, scene: str, field: str | None,
+    pictures: str | None, tolerance: float, instrument: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """The frame of a whole detector."""
+    from cgi_wave.report import frame_file, output
+
+    options = {"bands": bands, "scene": scene, "shift": shift, "ghosts": not no_ghosts, "field": field,
+               "tolerance": tolerance, "instrument": instrument}  # fmt: skip
+    if out:
+        frame_file.check_netcdf(out, "--out")
+    if field and not Path(field).is_dir():
+        raise InputError("command line", "--field", field, f"is no folder for the fields of {len(bands)} bands",
+                         "create a folder and name it; each band has a file in it")  # fmt: skip
+    fields = {band: Path(field) / f"{band}.nc" for band in bands} if field else {}
+    with ExitStack() as stack:
+        target = stack.enter_context(output.whole_file(out)) if out else None
+        folder = stack.enter_context(output.whole_folder(pictures, "--pictures")) if pictures else None
+        with computing():
+            from cgi_wave import mosaic
+
+            found = mosaic.detector_frame(bands, scene, instrument, tolerance, shift, not no_ghosts, fields, progress)
+            made = output.provenance(found.instrument_name, found.instrument_hash, options)
+            if target:
+                frame_file.write_detector(target, found, made)
+            if folder:
+                from cgi_wave.report import frame_plots
+
+                _save(folder / f"{found.detector}-frame.png", frame_plots.plot_detector, found)
+    figures = frame_file.detector_figures(found)
+    if as_json:
+        click.echo(output.to_json({**figures, "out": out, "provenance": made}))
+        return
+    for part in found.parts:
+        click.echo(
+            f"{part.band:<15} rows {part.rows[0]} to {part.rows[1] - 1}, mean {part.mean:.6g} of its input, fringes "
+            f"{part.fringe_contrast:.4f}, error bound {part.error:.2g}"
+        )
+    empty = ", ".join(f"{a} to {b - 1}" for a, b in found.empty_rows) or "none"
+    click.echo(f"rows of no band {empty}\nnot included    light of one band on another one's rows")
+
+
 @click.command()
 @click.argument("band")
 @click.option("--frames", type=int, metavar="N", help="Of the sequence; twice the zone's rows if not given.")
@@ -104,17 +154,27 @@ def frame(
 @click.option("--tdi", type=int, default=1, show_default=True, metavar="N", help="Rows added, P/4 at most.")
 @click.option("--noise", type=float, metavar="ELECTRONS", help="Shot noise: electrons at relative irradiance 1.")
 @click.option("--read", "read", type=float, default=0.0, show_default=True, metavar="ELECTRONS", help="Read noise.")
+@click.option(
+    "--shot",
+    type=click.Choice(["poisson", "gaussian", "none"]),
+    default="poisson",
+    show_default=True,
+    help="How the light's own noise is drawn.",
+)
+@click.option("--full-well", type=float, metavar="ELECTRONS", help="Where a pixel saturates.")
+@click.option("--bits", type=int, metavar="N", help="Of the converter; its last step is the full well.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Of noise and jitter.")
 @click.option("--out", metavar="FILE.nc", help="Write the maps as NetCDF.")
 @click.option("--frames-out", metavar="FILE.nc", help="Write every frame as NetCDF.")
-@click.option("--movie", metavar="FILE.gif", help="Write the scroll as an animated GIF.")
+@click.option("--movie", metavar="FILE", help="Write the scroll as an animated .gif, or as .mp4 (needs ffmpeg).")
 @_scene_options
 @tolerance_option
 @instrument_option
 @json_option
 def scroll(
     band: str, frames: int | None, step: float, jitter: float, attitude: str, tdi: int, noise: float | None,
-    read: float, seed: int, out: str | None, frames_out: str | None, movie: str | None, scene: str, field: str | None,
+    read: float, shot: str, full_well: float | None, bits: int | None, seed: int, out: str | None,
+    frames_out: str | None, movie: str | None, scene: str, field: str | None,
     pictures: str | None, tolerance: float, instrument: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Scroll a scene past BAND, and retrieve M, B and NMA of the ground.
@@ -128,13 +188,18 @@ def scroll(
     for name, value in (("--out", out), ("--frames-out", frames_out)):
         if value:
             frame_file.check_netcdf(value, name)
-    if movie and Path(movie).suffix.lower() != ".gif":
-        raise InputError("command line", "--movie", movie, "is not a format for movies", "end the file's name in .gif")
-    if read and noise is None:
-        raise InputError("command line", "--read", read, "stands without --noise", "give the electrons as well")
+    if movie:
+        from cgi_wave.report.movies import check_movie
+
+        check_movie(movie, "--movie")
+    for name, given in (("--read", read or None), ("--full-well", full_well), ("--bits", bits)):
+        if given is not None and noise is None:
+            raise InputError("command line", name, given, "stands without --noise", "give the electrons as well")
+    detector = _detector(noise, read, full_well, bits, shot)
     amplitude, period = _attitude(attitude)
     options = {"band": band, "scene": scene, "frames": frames, "step": step, "jitter": jitter, "attitude": attitude,
-               "tdi": tdi, "noise": noise, "read": read, "seed": seed, "field": field, "tolerance": tolerance,
+               "tdi": tdi, "noise": noise, "read": read, "shot": shot, "full_well": full_well, "bits": bits,
+               "seed": seed, "field": field, "tolerance": tolerance,
                "instrument": instrument}  # fmt: skip
     with ExitStack() as stack:
         target = stack.enter_context(output.whole_file(out)) if out else None
@@ -143,12 +208,10 @@ def scroll(
         sequence = stack.enter_context(output.whole_file(frames_out, "--frames-out")) if frames_out else None
         with computing():
             from cgi_wave import scrolling
-            from cgi_wave.fringes.detector import Detector
             from cgi_wave.optics.system import load_instrument
 
             loaded = load_instrument(instrument)
             made = output.provenance(loaded.name, loaded.hash, options)
-            detector = None if noise is None else Detector(noise, read)
             with ExitStack() as writing:
                 sink = writing.enter_context(frame_file.frames_file(sequence, made)) if sequence else None
                 found = scrolling.scroll(
@@ -162,9 +225,9 @@ def scroll(
             if folder:
                 _pictures(folder, found)
             if film:
-                from cgi_wave.report import frame_plots
+                from cgi_wave.report import movies
 
-                frame_plots.write_movie(film, found)
+                movies.write_movie(film, found)
     figures = frame_file.scroll_figures(found)
     if as_json:
         click.echo(output.to_json({**figures, "out": out, "frames_out": frames_out, "provenance": made}))
@@ -186,9 +249,26 @@ def scroll(
 COMMANDS = (frame, scroll)
 
 
+def _bands(name: str, instrument: str | None) -> tuple[str, ...]:
+    from cgi_wave.mosaic import bands_of
+    from cgi_wave.optics.system import load_instrument
+
+    return bands_of(load_instrument(instrument), name)
+
+
 def _check(band: str, tolerance: float, instrument: str | None) -> None:
     check_tolerance(tolerance)
     check_bands([band], instrument)
+
+
+def _detector(
+    noise: float | None, read: float, full_well: float | None, bits: int | None, shot: str
+) -> Detector | None:
+    if noise is None:
+        return None
+    from cgi_wave.fringes.detector import Detector
+
+    return Detector(noise, read, math.inf if full_well is None else full_well, bits, cast(Any, shot))
 
 
 def _attitude(text: str) -> tuple[float, float]:
@@ -208,7 +288,7 @@ def _save(path: Path, plot: Callable[..., Any], result: object) -> None:
         figure = Figure(figsize=(9.0, 5.0), layout="constrained")
         FigureCanvasAgg(figure)
         plot(result, figure.add_subplot())
-        figure.savefig(path, dpi=150)
+        figure.savefig(path, dpi=150, bbox_inches="tight")
 
 
 def _pictures(folder: Path, found: Scrolled) -> None:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
 from cgi_wave.fringes import blur, smooth
+from cgi_wave.fringes.field import SceneView
 from cgi_wave.fringes.layer import Zone
+from cgi_wave.fringes.nominal_image import NominalImage
 from cgi_wave.fringes.pattern import Layer
 from cgi_wave.kernels import frames as kernels
 
@@ -34,7 +36,9 @@ Real = NDArray[np.floating]
 Index = NDArray[np.int64]
 Interpolation = Literal["area", "cubic"]
 WHOLE = 1e-9  # of a pixel: an offset this close to a whole number is one
-CHECKED = 20000  # pixels on which the image of a smooth layer is checked
+AROUND = 32  # pixels around the zone where the nodes of a smooth layer may stand
+BETWEEN = 1.5  # what is measured on some pixels and scrolls is taken as so much larger elsewhere
+CHECKED, SCROLLS = 8000, 8  # pixels on which the image of a smooth layer is checked
 IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
@@ -68,12 +72,14 @@ class Warped:
 
 @dataclass(frozen=True)
 class Smooth:
-    """All smooth layers on one grid: see ``kernels.frames.frame_rows``. row (E, N): coarse rows at scroll 0; step:
-    rows of the scene per coarse row; size: coarse rows of each layer, both (E, 1)."""
+    """All smooth layers on one grid, those with fringes first: see ``kernels.frames.frame_rows``. row (E, N): coarse
+    rows at scroll 0; step: rows of the scene per coarse row; size: coarse rows of each layer, both (E,)."""
 
     grid: smooth.Grid
-    tiles: Real
-    envelope: Real
+    turn: Real
+    own: Index
+    fringed: Real
+    plain: Real
     coarse: Real
     row: Array
     step: Array
@@ -94,7 +100,8 @@ class LayerPlan:
 
 @dataclass(frozen=True)
 class Beams:
-    """Everything a frame needs but the scroll. ``error``: sum over the layers' plans. height: rows of the scene."""
+    """Everything a frame needs but the scroll. ``error``: sum over the layers' plans. height: rows of the scene. The
+    zone has lost its phase: what is needed of it is in the smooth layers."""
 
     zone: Zone
     dtype: type
@@ -105,19 +112,20 @@ class Beams:
     smooth: Smooth | None
     plans: tuple[LayerPlan, ...]
     error: float
-    _space: dict[int, Real] = field(default_factory=dict, repr=False, compare=False)
 
     def frame(self, shift: float, out: Real | None = None, pool: ThreadPoolExecutor | None = None) -> Real:
         """(R, X) the frame when the ground has moved by ``shift`` rows; into ``out`` if given.
 
         ``pool``: two threads share the rows; the result is the same to the last bit.
 
-        Raises InputError when the nominal beam looks beyond a scene that does not repeat.
+        Raises InputError when the nominal beam looks beyond a scene that does not repeat, or ``out`` does not fit.
         """
         rows, columns = self.zone.shape
         out = np.empty((rows, columns), self.dtype) if out is None else out
+        if out.shape != (rows, columns) or out.dtype != self.dtype or not out.flags.c_contiguous:
+            raise InputError("frames", "out", f"{out.dtype} {out.shape}", "does not fit the frame",
+                             f"give a contiguous {np.dtype(self.dtype)} array of {(rows, columns)}")  # fmt: skip
         ready = [self._rows_of(term, shift) for term in self.sharp]
-        coarse = None if self.smooth is None else self._coarse_rows(self.smooth, shift)
         unit = 4 if self.smooth is None else self.smooth.grid.pitch
         half = -(-rows // (2 * unit)) * unit
         spans = [(0, rows)] if pool is None or half >= rows else [(0, half), (half, rows)]
@@ -125,8 +133,8 @@ class Beams:
         def work(part: int) -> None:
             first, last = spans[part]
             for number, (term, (index, weight)) in enumerate(zip(self.sharp, ready, strict=True)):
-                if number == 0 and self.smooth is not None and coarse is not None:
-                    self._fused(part, out, term, index, weight, coarse, first, last)
+                if number == 0 and self.smooth is not None:
+                    self._fused(self.smooth, shift, out, term, index, weight, first, last)
                 else:
                     kernels.sharp_rows(out, term.pattern, term.image, index, weight, first, last, number > 0)
             for turned in self.warped:
@@ -146,18 +154,11 @@ class Beams:
             self._rows_of(term, shift)
 
     def _fused(
-        self, part: int, out: Real, term: Sharp, index: Index, weight: Real, coarse: tuple[Index, Real], first: int,
-        last: int,
-    ) -> None:  # fmt: skip
-        s = self.smooth
-        assert s is not None
-        if part not in self._space:
-            size = 4 * s.envelope.shape[1] * kernels.BLOCK
-            self._space[part] = np.zeros((-(-out.shape[1] // kernels.BLOCK), size), self.dtype)
-        g = s.grid
+        self, s: Smooth, shift: float, out: Real, term: Sharp, index: Index, weight: Real, first: int, last: int
+    ) -> None:
         kernels.frame_rows(
-            out, term.pattern, term.image, index, weight, s.tiles, s.envelope, s.coarse, *coarse, g.table, g.base_x,
-            smooth.gaps(g.base_x), g.base_y, smooth.gaps(g.base_y), self._space[part], first, last,
+            out, term.pattern, term.image, index, weight, s.turn, s.own, s.fringed, s.plain, s.coarse,
+            s.row, shift / s.step, s.size, self.wrap, s.grid.table, first, last,
         )  # fmt: skip
 
     def _rows_of(self, term: Sharp, shift: float) -> tuple[Index, Real]:
@@ -181,10 +182,6 @@ class Beams:
             raise InputError("frames", "scene", f"{self.height} rows", f"the scroll needs {missing} rows more",
                              "give a longer scene, fewer frames, or let it repeat along track (tile)")  # fmt: skip
 
-    def _coarse_rows(self, s: Smooth, shift: float) -> tuple[Index, Real]:
-        index, weight = smooth.taps(s.row + shift / s.step, s.size, self.wrap)
-        return index, weight.astype(self.dtype)
-
 
 def prepare(
     layers: Sequence[Layer],
@@ -195,12 +192,15 @@ def prepare(
     tile: bool = False,
     interpolation: Interpolation = "area",
     precision: Literal["float32", "float64"] = "float32",
+    nominal: NominalImage | None = None,
+    fractions: bool = True,
 ) -> Beams:
     """Get layers and scene ready for frames.
 
     layers : the nominal one first; maps (C, H, W) : the scene, relative radiance per mode, [Y, X] at the zone's
     pitch; tolerance : largest error that the choices for all ghosts together may add, relative irradiance times the
-    scene's largest value; tile : along track the scene repeats; interpolation : see the module.
+    scene's largest value; tile : along track the scene repeats; interpolation : see the module; nominal : what the
+    first layer sees, on the zone's columns (None: the maps as they are); fractions : whether it is read between rows.
 
     Ghosts that look beyond the scene see its edge go on. The nominal beam may not.
 
@@ -211,55 +211,63 @@ def prepare(
     maps = np.asarray(maps)
     _check(layers, maps, zone)
     maps = np.ascontiguousarray(maps, dtype=dtype)
-    scale = float(np.abs(maps).max()) or 1.0
-    share = tolerance * scale / len(layers)
+    scale, height = float(np.abs(maps).max()) or 1.0, maps.shape[1]
+    budget = tolerance * scale
+    blurs = [_blur_of(layer, maps, 0.5 * budget / len(layers), scale, precision == "float32") for layer in layers]
+    together, found = _smooth(layers, blurs, maps, zone, 0.5 * budget, scale, tile, dtype)
+    left = [number for number in range(len(layers)) if number not in found]
+    share = 0.5 * budget / len(left)
     sharp: list[Sharp] = []
     warped: list[Warped] = []
     plans: list[LayerPlan] = []
-    candidates: list[tuple[str, str, dict[int, _Candidate]]] = []
-    envelopes = (
-        smooth.Envelopes(zone)
-        if any(layer.view is not None and layer.view.kernel.size > 1 for layer in layers)
-        else None
-    )
-    for number, layer in enumerate(layers):
-        affine = IDENTITY if layer.view is None else layer.view.affine
-        kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
+    for number, (layer, how) in enumerate(zip(layers, blurs, strict=True)):
+        if number == 0 and nominal is not None:
+            for k, (image, along) in enumerate(zip(nominal.maps, nominal.along, strict=True)):
+                pattern = np.ascontiguousarray(layer.pattern * along[None, :, None], dtype=dtype)
+                rows = zone.row + np.arange(zone.shape[0], dtype=np.float64)
+                sharp.append(Sharp(layer.name, pattern, image.astype(dtype, copy=False), rows, 4, 0, k == 0))
+            between = _reading(nominal.maps[0], 4) if fractions or zone.row % 1.0 else 0.0
+            error = (float(np.abs(layer.pattern).max()) or 1.0) * (nominal.error + between)
+            plans.append(LayerPlan(layer.name, "sharp", nominal.blur, 1, error))
+            continue
         weight = float(np.abs(layer.pattern).max()) or 1.0
-        allowed = share / (2.0 * weight * scale)
-        how = blur.choose(kernel, allowed, maps.shape[1] * maps.shape[2], precision == "float32")
-        blurred = kernel is not None and how.method != "nothing"
-        seen, margin = _blurred(maps, how, kernel, tile) if blurred and kernel is not None else (maps, (0, 0))
-        if number and blurred and envelopes is not None and _keeps_rows(affine, zone, seen, share / weight):
-            found = _smooth_candidates(layer, seen, margin, zone, envelopes, share / 2.0, tile, dtype)
-            if found:
-                candidates.append((layer.name, how.method, found))
-                continue
-        count = 4 if blurred or interpolation == "cubic" else 2
+        error = weight * scale * how.error
+        if number in found:
+            assert together is not None
+            plans.append(LayerPlan(layer.name, "smooth", how.method, together.grid.pitch, error + found[number]))
+            continue
+        affine = IDENTITY if layer.view is None else layer.view.affine
+        seen, margin = _blurred(maps, how, layer.view, zone, tile)
+        count = 4 if how.method != "nothing" or interpolation == "cubic" else 2
         pattern = np.ascontiguousarray(layer.pattern, dtype=dtype)
         column, row = _places(affine, zone, margin)
-        error = weight * scale * how.error + weight * _reading(seen, count)
-        if _keeps_rows(affine, zone, seen, share / weight):
-            sharp.append(
-                Sharp(layer.name, pattern, _columns(seen, column[0], count), row[:, 0], count, margin[0], number == 0)
-            )
-            plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error))
+        error += weight * _reading(seen, count)
+        turning = weight * _turning(affine, zone, seen)
+        if turning <= share:
+            middle = zone.shape[0] // 2, zone.shape[1] // 2
+            image = _columns(seen, column[middle[0]], count)
+            sharp.append(Sharp(layer.name, pattern, image, row[:, middle[1]], count, margin[0], number == 0))
+            plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error + turning))
         else:
             warped.append(Warped(layer.name, pattern, seen, column, row, count))
             plans.append(LayerPlan(layer.name, "warped", how.method, 1, error))
-    together = _together(candidates, zone, dtype) if candidates else None
-    if together is not None:
-        pitch = together.grid.pitch
-        plans += [LayerPlan(name, "smooth", how, pitch, found[pitch].error) for name, how, found in candidates]
     return Beams(
-        zone, dtype, tile, maps.shape[1], tuple(sharp), tuple(warped), together, tuple(plans),
+        replace(zone, phase=None), dtype, tile, height, tuple(sharp), tuple(warped), together, tuple(plans),
         sum(plan.error for plan in plans),
     )  # fmt: skip
 
 
+def _blur_of(layer: Layer, maps: Real, allowed: float, scale: float, single: bool) -> blur.Blur:
+    """How the layer's blur is done: its error, times pattern and scene, within ``allowed``."""
+    kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
+    weight = float(np.abs(layer.pattern).max()) or 1.0
+    return blur.choose(kernel, allowed / (weight * scale), maps.shape[1] * maps.shape[2], single)
+
+
 @dataclass(frozen=True)
 class _Candidate:
-    """One layer on one grid: envelope (C, M, N, K), coarse (C, V, K), row (N,), rows of the scene per coarse row."""
+    """One layer on one grid: envelope (C, M, N, K), M = 1 without fringes; coarse (C, V, K), row (N,), step: rows of
+    the scene per coarse row."""
 
     envelope: Real
     coarse: Real
@@ -268,11 +276,27 @@ class _Candidate:
     error: float
 
 
-def _blurred(maps: Real, how: blur.Blur, kernel: Array, tile: bool) -> tuple[Real, tuple[int, int]]:
-    """The blurred scene, as far beyond its edges as the blur reaches (the edge goes on), and by how many samples."""
-    margin = (0 if tile else kernel.shape[0] // 2, kernel.shape[1] // 2)
-    wide = np.pad(maps, ((0, 0), (margin[0], margin[0]), (margin[1], margin[1])), mode="edge")
-    return blur.correlate(wide, how, kernel, tile), margin
+def _blurred(
+    maps: Real, how: blur.Blur, view: SceneView | None, zone: Zone, tile: bool
+) -> tuple[Real, tuple[int, int]]:
+    """The blurred scene wherever the layer looks while the nominal beam stays on the scene, and how many samples before
+    the scene's first row and column it begins."""
+    if view is None or how.method == "nothing":
+        return maps, (0, 0)
+    reach = np.array([zone.y_m[[0, -1]], zone.x_m[[0, -1]]])
+    reach += AROUND * zone.pitch * np.array([-1.0, 1.0])
+    corners = np.array([(x, y, 1.0) for y in reach[0] for x in reach[1]]) @ view.affine.T
+    column = zone.column + (corners[:, 0] - zone.x_m[0]) / zone.pitch
+    row = zone.row + (corners[:, 1] - zone.y_m[0]) / zone.pitch
+    first, last = _scrolls(maps.shape[1], zone)
+    rows = (0, maps.shape[1]) if tile else (int(row.min() + first) - 4, int(row.max() + last) + 5)
+    columns = int(column.min()) - 4, int(column.max()) + 5
+    return blur.part(maps, how, view.kernel, tile, rows, columns), (-rows[0], -columns[0])
+
+
+def _scrolls(height: int, zone: Zone) -> tuple[float, float]:
+    """Least and largest scroll at which the nominal beam sees nothing but the scene."""
+    return -zone.row, max(height - zone.shape[0] - zone.row, -zone.row)
 
 
 def _places(
@@ -287,14 +311,14 @@ def _places(
     return column + margin[1], row + margin[0]
 
 
-def _keeps_rows(affine: Array, zone: Zone, seen: Real, tolerance: float) -> bool:
-    """Whether turning rows may be neglected: largest step between neighbours times the pixels it moves them by."""
+def _turning(affine: Array, zone: Zone, seen: Real) -> float:
+    """What neglecting that a map turns rows may cost: largest step between neighbours times the pixels it moves by."""
     across = abs(affine[1, 0]) * np.ptp(zone.x_m) / zone.pitch / 2.0
     along = abs(affine[0, 1]) * np.ptp(zone.y_m) / zone.pitch / 2.0
     if across + along <= WHOLE:
-        return True
+        return 0.0
     step_y, step_x = (float(np.abs(np.diff(seen, axis=axis)).max()) for axis in (1, 2))
-    return across * step_y + along * step_x <= 0.25 * tolerance
+    return across * step_y + along * step_x
 
 
 def _columns(seen: Real, column: Array, count: int) -> Real:
@@ -315,60 +339,120 @@ def _reading(seen: Real, count: int) -> float:
     return sum(float(np.abs(np.diff(seen, n=4, axis=axis)).max()) for axis in (1, 2)) / 24.0
 
 
-def _smooth_candidates(
-    layer: Layer, seen: Real, margin: tuple[int, int], zone: Zone, envelopes: smooth.Envelopes, tolerance: float,
+def _smooth(
+    layers: Sequence[Layer], blurs: Sequence[blur.Blur], maps: Real, zone: Zone, budget: float, scale: float,
     tile: bool, dtype: type,
-) -> dict[int, _Candidate]:  # fmt: skip
-    """The layer on every grid that keeps the tolerance, coarsest first; empty if none does."""
-    scale = float(np.abs(seen).max()) or 1.0
-    fits = [envelopes.fit(part, 0.5 * tolerance / scale) for part in layer.pattern]
-    found: dict[int, _Candidate] = {}
-    if any(fit is None for fit in fits):
-        return found
-    for pitch in smooth.PITCHES:
-        if 4 * pitch > max(zone.shape):
+) -> tuple[Smooth | None, dict[int, float]]:  # fmt: skip
+    """As many layers as go onto one grid with their errors together within the budget, and the error of each.
+
+    The coarsest grid of those that take as many.
+    """
+    envelopes = None
+    every: dict[int, dict[int, _Candidate]] = {}
+    for number, (layer, how) in enumerate(zip(layers, blurs, strict=True)):
+        if number == 0 or layer.view is None or how.method == "nothing" or min(*zone.shape, *maps.shape[1:]) < 4:
             continue
+        envelopes = envelopes or smooth.Envelopes(zone)
+        fits = [envelopes.fit(part, 0.5 * budget / len(layers) / scale) for part in layer.pattern]
+        terms = [fit for fit in fits if fit is not None]
+        if len(terms) == len(fits):
+            every[number] = _candidates(layer, layer.view, terms, how, maps, zone, envelopes, budget, tile, dtype)
+    best: tuple[int, dict[int, float]] = 0, {}
+    for pitch in smooth.PITCHES:
+        errors = sorted((found[pitch].error, number) for number, found in every.items() if pitch in found)
+        total = np.cumsum([error for error, _ in errors])
+        taken = {
+            number: error for (error, number), sum_so_far in zip(errors, total, strict=True) if sum_so_far <= budget
+        }
+        if len(taken) > len(best[1]):
+            best = pitch, taken
+    pitch, taken = best
+    if not taken:
+        return None, {}
+    return _gather(
+        [every[number][pitch] for number in taken], zone, smooth.grid(zone.shape, pitch, dtype), dtype
+    ), taken
+
+
+def _candidates(
+    layer: Layer, view: SceneView, terms: Sequence[tuple[tuple[int, int], Array]], how: blur.Blur, maps: Real,
+    zone: Zone, envelopes: smooth.Envelopes, most: float, tile: bool, dtype: type,
+) -> dict[int, _Candidate]:  # fmt: skip
+    """The layer on every grid on which its error is below ``most``, finest first."""
+    found: dict[int, _Candidate] = {}
+    seen, margin = _blurred(maps, how, view, zone, tile)
+    first, last = (0.0, float(maps.shape[1])) if tile else _scrolls(maps.shape[1], zone)
+    shifts = max(first, 0.0) + (last - max(first, 0.0)) * np.modf(0.5 * (np.sqrt(5.0) - 1.0) * np.arange(SCROLLS))[0]
+    check = _Check.of(layer, view, seen, margin, zone, tile, shifts)
+    height = seen.shape[1]
+    for pitch in sorted(smooth.PITCHES):
+        if 4 * pitch > max(zone.shape):
+            break
         where = smooth.grid(zone.shape, pitch, dtype)
-        envelope: Real = np.array([envelopes.on_nodes(*fit, where) for fit in fits if fit is not None], dtype=dtype)
-        height = seen.shape[1]
+        dark = list(zone.dark)
+        envelope: Real = np.array(
+            [envelopes.on_nodes(*fit, where, part[dark]) for fit, part in zip(terms, layer.pattern, strict=True)],
+            dtype=dtype,
+        )
+        if np.abs(envelope[:, 1:]).sum(axis=1, initial=0.0).max() * check.scale < 1e-4 * most / len(envelope):
+            envelope = envelope[:, :1]
         count = max(-(-height // pitch), 4)
         step = height / count if tile else (height - 1) / (count - 1)
-        assert layer.view is not None
-        column, row = _places(layer.view.affine, zone, margin, pitch * np.arange(where.nodes[0], dtype=np.float64),
-                              pitch * np.arange(where.nodes[1], dtype=np.float64))  # fmt: skip
-        along = smooth.resampled(seen, np.arange(count) * step, 1, tile)
-        coarse = np.ascontiguousarray(smooth.resampled(along, column[0], 2, False))
+        along, across = where.nodes
+        middle = 0.5 * (zone.shape[0] - 1), 0.5 * (zone.shape[1] - 1)
+        column, ahead = (place[0] for place in _places(view.affine, zone, margin, np.array([middle[0]]), across))
+        _, row = _places(view.affine, zone, margin, np.concatenate([along, dark]), np.array([middle[1]]))
+        centre = _places(view.affine, zone, margin, np.array([middle[0]]), np.array([middle[1]]))[1]
+        coarse = kernels.sampled(seen, np.arange(count) * step, ahead - centre[0, 0], column, tile)
         candidate = _Candidate(envelope, coarse, row[:, 0] / step, step, 0.0)
-        error = _measured(layer, candidate, seen, margin, zone, where, tile, dtype)
-        if error <= tolerance:
-            found[pitch] = _Candidate(envelope, coarse, row[:, 0] / step, step, error)
+        error = check.error(candidate, zone, where, tile, dtype)
+        if error > most:
+            break
+        found[pitch] = replace(candidate, error=error)
     return found
 
 
-def _measured(
-    layer: Layer, candidate: _Candidate, seen: Real, margin: tuple[int, int], zone: Zone, where: smooth.Grid,
-    tile: bool, dtype: type,
-) -> float:  # fmt: skip
-    """Largest difference from pattern × image: under uniform light everywhere, and with the scene at CHECKED pixels."""
-    alone = _alone(candidate, zone, where, tile, seen.shape[1], dtype)
-    flat = _Candidate(candidate.envelope, np.ones_like(candidate.coarse), candidate.row, candidate.step, 0.0)
-    uniform = _alone(flat, zone, where, tile, seen.shape[1], dtype).frame(0.0)
-    scale = float(np.abs(seen).max()) or 1.0
-    worst = float(np.abs(uniform - layer.pattern.sum(axis=0)).max()) * scale
-    rng = np.random.default_rng(1)
-    j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
-    assert layer.view is not None
-    column, row = _places(layer.view.affine, zone, margin)
-    for shift in (0.0, 0.37 * where.pitch, 0.43 * seen.shape[1]):
-        image = np.zeros((len(seen), CHECKED))
-        at_y, weight_y = smooth.taps(row[j, i] + shift, seen.shape[1], tile)
-        at_x, weight_x = smooth.taps(column[j, i], seen.shape[2], False)
-        for a in range(4):
-            for b in range(4):
-                image += weight_y[:, a] * weight_x[:, b] * seen[:, at_y[:, a], at_x[:, b]]
-        expected = (layer.pattern[:, j, i] * image).sum(axis=0)
-        worst = max(worst, float(np.abs(alone.frame(shift)[j, i] - expected).max()))
-    return worst
+@dataclass(frozen=True)
+class _Check:
+    """What a layer adds to frames: under uniform light everywhere, (R, X); and with the scene at CHECKED pixels, rows j
+    and columns i, at the scrolls that are the keys of ``truth``. scale: the image's largest value."""
+
+    uniform: Array
+    scale: float
+    height: int
+    j: Index
+    i: Index
+    truth: dict[float, Array]
+
+    @classmethod
+    def of(
+        cls, layer: Layer, view: SceneView, seen: Real, margin: tuple[int, int], zone: Zone, tile: bool,
+        shifts: Array,
+    ) -> _Check:  # fmt: skip
+        rng = np.random.default_rng(1)
+        j, i = rng.integers(0, zone.shape[0], CHECKED), rng.integers(0, zone.shape[1], CHECKED)
+        height = seen.shape[1]
+        column, row = (place[j, i] for place in _places(view.affine, zone, margin))
+        at_x, weight_x = smooth.taps(column, seen.shape[2], False)
+        truth = {}
+        for shift in shifts.tolist():
+            at_y, weight_y = smooth.taps(row + shift, height, tile)
+            image = np.zeros((len(seen), CHECKED))
+            for a in range(4):
+                for b in range(4):
+                    image += weight_y[:, a] * weight_x[:, b] * seen[:, at_y[:, a], at_x[:, b]]
+            truth[shift] = (layer.pattern[:, j, i] * image).sum(axis=0)
+        return cls(layer.pattern.sum(axis=0), float(np.abs(seen).max()) or 1.0, height, j, i, truth)
+
+    def error(self, candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, dtype: type) -> float:
+        """Largest difference of frames from these, with room for what lies between the samples."""
+        alone = _alone(candidate, zone, where, tile, self.height, dtype)
+        flat = replace(candidate, coarse=np.ones_like(candidate.coarse))
+        uniform = _alone(flat, zone, where, tile, self.height, dtype).frame(0.0)
+        worst = float(np.abs(uniform - self.uniform).max()) * self.scale
+        for shift, truth in self.truth.items():
+            worst = max(worst, BETWEEN * float(np.abs(alone.frame(shift)[self.j, self.i] - truth).max()))
+        return worst
 
 
 def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, height: int, dtype: type) -> Beams:
@@ -379,28 +463,25 @@ def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, he
     return Beams(zone, dtype, tile, height, (dark,), (), part, (), 0.0)
 
 
-def _together(candidates: Sequence[tuple[str, str, dict[int, _Candidate]]], zone: Zone, dtype: type) -> Smooth:
-    """All smooth layers on the finest grid that any of them needs."""
-    pitch = min(max(found) for _, _, found in candidates)
-    while not all(pitch in found for _, _, found in candidates):
-        pitch = max(p for p in smooth.PITCHES if p < pitch)
-    return _gather([found[pitch] for _, _, found in candidates], zone, smooth.grid(zone.shape, pitch, dtype), dtype)
-
-
 def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: type) -> Smooth:
-    modes = len(parts[0].coarse)
-    tiles: Real = np.zeros((-(-zone.shape[0] // where.pitch), -(-zone.shape[1] // kernels.BLOCK), where.pitch // 4,
-                      8 * kernels.BLOCK if zone.phase is not None else 1), dtype)  # fmt: skip
-    if zone.phase is not None:
-        kernels.carrier_tiles(np.cos(zone.phase), np.sin(zone.phase), where.pitch, tiles)
+    parts = sorted(parts, key=lambda part: -part.envelope.shape[1])
+    modes, nodes = len(parts[0].coarse), len(where.nodes[1])
     size = np.repeat([part.coarse.shape[1] for part in parts], modes)
-    coarse: Real = np.zeros((len(size), int(size.max()), where.nodes[1]), dtype)
+    coarse: Real = np.zeros((len(size), int(size.max()), nodes), dtype)
     for number, image in enumerate(image for part in parts for image in part.coarse):
         coarse[number, : len(image)] = image
+    own = np.full(zone.shape[0], -1)
+    own[list(zone.dark)] = len(where.nodes[0]) + np.arange(len(zone.dark))
+    fringed, plain = (
+        np.ascontiguousarray(np.moveaxis(np.concatenate(some), 2, 0)).reshape(len(parts[0].row), -1, kinds * nodes)
+        if some
+        else np.zeros((len(parts[0].row), 0, kinds * nodes), dtype)
+        for kinds, some in ((n, [part.envelope for part in parts if part.envelope.shape[1] == n]) for n in (5, 1))
+    )
+    phase = np.zeros(zone.shape) if zone.phase is None else zone.phase
     return Smooth(
-        where, tiles, np.concatenate([part.envelope for part in parts]), coarse,
-        np.repeat([part.row for part in parts], modes, axis=0),
-        np.repeat([part.step for part in parts], modes)[:, None], size[:, None],
+        where, smooth.turns(phase, where, dtype), own, fringed, plain, coarse,
+        np.repeat([part.row for part in parts], modes, axis=0), np.repeat([part.step for part in parts], modes), size,
     )  # fmt: skip
 
 

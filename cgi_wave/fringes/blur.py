@@ -28,6 +28,7 @@ Method = Literal["nothing", "box", "separable", "direct", "fourier"]
 COST_BOX, COST_LINE, COST_TAP, COST_FOURIER = 8.0, 1.2, 1.6, 8.0
 #: Taps of a kernel up to which it is applied directly: SciPy's tables take the square of their number.
 MOST_TAPS = 1500
+THREADS = 2
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,30 @@ def correlate(maps: NDArray[np.floating], blur: Blur, kernel: Array | None, wrap
     for index in np.ndindex(maps.shape[:-2]):
         out[index] = _one(maps[index], blur, kernel, "wrap" if wrap else "nearest")
     return out
+
+
+def part(
+    maps: NDArray[np.floating], blur: Blur, kernel: Array, wrap: bool, rows: tuple[int, int], columns: tuple[int, int]
+) -> NDArray[np.floating]:
+    """Rows and columns from the first up to the second number of what ``correlate`` gives for maps that go on for ever.
+
+    Beyond a map its edge goes on; if it repeats along track (``wrap``), rows are its own, all of them. Costs what a map
+    of this size costs, and as much again as the kernel reaches.
+    """
+    height, width = maps.shape[-2:]
+    tall, wide = kernel.shape[0] // 2, kernel.shape[1] // 2
+    across = np.clip(np.arange(columns[0] - wide, columns[1] + wide), 0, width - 1)
+    along = np.arange(height) if wrap else np.clip(np.arange(rows[0] - tall, rows[1] + tall), 0, height - 1)
+    patch = np.ascontiguousarray(maps[..., along[:, None], across[None, :]])
+    top = 0 if wrap else tall
+    inside = (..., slice(top, len(along) - top), slice(wide, len(across) - wide))
+    if blur.method != "fourier":
+        return np.ascontiguousarray(correlate(patch, blur, kernel, wrap)[inside])
+    precise = patch if blur.single else patch.astype(np.float64)
+    out = np.empty_like(precise)
+    for index in np.ndindex(patch.shape[:-2]):
+        out[index] = _circular(precise[index], kernel, wrap)
+    return np.ascontiguousarray(out[inside], dtype=maps.dtype)
 
 
 def _one(image: NDArray[np.floating], blur: Blur, kernel: Array, mode: str) -> NDArray[np.floating]:
@@ -112,25 +137,32 @@ def _padded(image: NDArray[np.floating], rows: int, columns: int, mode: str) -> 
 
 def _by_fourier(image: NDArray[np.floating], kernel: Array, mode: str) -> NDArray[np.floating]:
     """Circular convolution of the padded map: along track without padding where it repeats anyway."""
-    from scipy import fft
-
     rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
     circular = mode == "wrap"
     tall = image if circular else _padded(image, rows, 0, mode)
     wide = np.pad(tall, ((0, 0), (columns, columns)), mode="edge")
-    height = wide.shape[0] if circular else fft.next_fast_len(wide.shape[0], real=True)
-    shape = (height, fft.next_fast_len(wide.shape[1], real=True))
+    full = _circular(wide, kernel, circular)
+    top = 0 if circular else rows
+    return full[top : top + image.shape[0], columns : columns + image.shape[1]]
+
+
+def _circular(image: NDArray[np.floating], kernel: Array, wrap: bool) -> NDArray[np.floating]:
+    """Convolution by Fourier transforms; the image repeats along rows if ``wrap``. Else what lies nearer to an edge
+    than the kernel reaches means nothing."""
+    from scipy import fft
+
+    rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
+    height = image.shape[0] if wrap else fft.next_fast_len(image.shape[0], real=True)
+    shape = (height, fft.next_fast_len(image.shape[1], real=True))
     spread = np.zeros(shape, dtype=image.dtype)
     at_row = (rows - np.arange(kernel.shape[0])) % shape[0]
     at_column = (columns - np.arange(kernel.shape[1])) % shape[1]
     # a kernel taller than a repeating map folds onto itself
     np.add.at(spread, (at_row[:, None], at_column[None, :]), kernel.astype(image.dtype))
-    spectrum = fft.rfft2(wide, shape)
-    spectrum *= fft.rfft2(spread)
+    spectrum = fft.rfft2(image, shape, workers=THREADS)
+    spectrum *= fft.rfft2(spread, workers=THREADS)
     del spread
-    full = fft.irfft2(spectrum, shape)
-    top = 0 if circular else rows
-    return full[top : top + image.shape[0], columns : columns + image.shape[1]]
+    return np.asarray(fft.irfft2(spectrum, shape, workers=THREADS)[: image.shape[0], : image.shape[1]])
 
 
 def _nothing(kernel: Array) -> Blur:

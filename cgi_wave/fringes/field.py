@@ -21,6 +21,20 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
+class MutualKernel:
+    """What the mutual kernel of a pair has beyond gamma times the kernel of the image that frames give its light.
+
+    apart (h, w) complex : [Y, X], of sum 0, in units of √(t_m t_l), for cells of step × step pixels; at the zone's
+    centre, times the coherence of the light at the pair's path differences
+    most : Σ|apart|, and what could not be computed
+    """
+
+    apart: Complex
+    step: int
+    most: float
+
+
+@dataclass(frozen=True)
 class FieldPair:
     """Mutual coherence of beams m and l at S wavenumbers over the zone's nodes.
 
@@ -30,6 +44,7 @@ class FieldPair:
     sigma (S,) 1/m; gamma (S, Y, X) complex, |gamma| ≤ 1; opd_m (S, Y, X) m
     error : largest bound on the error of gamma at the nodes
     interpolation : largest |difference| of √(t_m t_l) gamma, phase included, at the traced points between the nodes
+    mutual : how the pair's light is spread over the ground; None: not known
     """
 
     m: int
@@ -39,6 +54,7 @@ class FieldPair:
     opd_m: Array
     error: float
     interpolation: float
+    mutual: MutualKernel | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +92,26 @@ class SceneView:
 
 
 @dataclass(frozen=True)
+class NominalPsf:
+    """The nominal point-spread function over a zone: weights of ground cells for a pixel, at the detector's pitch.
+
+    x_m (X,), y_m (Y,) : Chebyshev nodes over the zone, m; kernel (Y, X, h, w) : [Y, X] about the ray through the
+    pupil's centre, sizes odd, sum 1; cells and pixels are both averaged over
+    check_m (N, 2) : traced points (x, y) between the nodes, m; check (N, h, w) : the kernels there
+    outside : largest share of the light beyond the kernel's window, which the kernel spreads within it
+    arms : largest Σ|difference| between the nominal beams' kernels, fringes included, and this one
+    """
+
+    x_m: Array
+    y_m: Array
+    kernel: Array
+    check_m: Array
+    check: Array
+    outside: float
+    arms: float
+
+
+@dataclass(frozen=True)
 class FringeField:
     """All beams of one band over one zone of the detector. labels[0] and labels[1] are the nominal beams.
 
@@ -86,6 +122,7 @@ class FringeField:
     transmission_interpolation : largest misfit of the sum of ghost powers at the traced points between the nodes
     sigma0 : 1/m, wavenumber of the carrier; views : one per family of ghosts
     left_out, left_out_baseline : largest over the nodes of what was not computed, relative to M (see ``psi``)
+    psf : of the nominal beams; None: they image the scene sharply
     """
 
     band: str
@@ -108,6 +145,7 @@ class FringeField:
     views: tuple[SceneView, ...]
     left_out: float
     left_out_baseline: float
+    psf: NominalPsf | None = None
 
     @property
     def x_pixels(self) -> Array:

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
-from cgi_wave.fringes.field import FieldPair, FringeField, SceneView, Shadow
+from cgi_wave.fringes.field import FieldPair, FringeField, MutualKernel, NominalPsf, SceneView, Shadow
 
 Array = NDArray[np.float64]
 TITLE = "fringe field"
 #: Of the layout below; a file of another one is refused.
-LAYOUT = 1
+LAYOUT = 2
 
 
 def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | float] | None = None) -> None:
@@ -51,6 +51,20 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
         "gamma_im": (("sample", *node), np.concatenate([p.gamma.imag for p in pairs]), {"units": "1"}),
         "opd": (("sample", *node), np.concatenate([p.opd_m for p in pairs]), {"units": "m"}),
     }
+    if all(p.mutual is not None for p in pairs):
+        kernels = [p.mutual for p in pairs if p.mutual is not None]
+        joined = np.concatenate([k.apart.ravel() for k in kernels])
+        variables |= {
+            "mutual_size": (("pair", "row"), np.array([k.apart.shape for k in kernels])),
+            "mutual_step": (
+                "pair",
+                np.array([k.step for k in kernels]),
+                {"units": "1", "long_name": "pixels per cell"},
+            ),
+            "mutual_most": ("pair", np.array([k.most for k in kernels]), {"units": "1"}),
+            "mutual_re": ("cell", joined.real, {"units": "1"}),
+            "mutual_im": ("cell", joined.imag, {"units": "1"}),
+        }
     if seen:
         variables |= {
             "view_family": ("view", np.array([v.family for v in seen])),
@@ -66,6 +80,17 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
             "shadow_y": ("shadow", np.array([s.y_m for s in dead]), {"units": "m"}),
             "shadow_half_width": ("shadow", np.array([s.half_width_m for s in dead]), {"units": "m"}),
         }
+    if field.psf is not None:
+        kernel = {"units": "1", "long_name": "share of the light from a ground cell"}
+        variables |= {
+            "psf_x": ("psf_column", field.psf.x_m, {"units": "m"}),
+            "psf_y": ("psf_row", field.psf.y_m, {"units": "m"}),
+            "psf": (("psf_row", "psf_column", "cell_y", "cell_x"), field.psf.kernel, kernel),
+            "psf_check_place": (("psf_check", "axis"), field.psf.check_m, {"units": "m"}),
+            "psf_check_kernel": (("psf_check", "cell_y", "cell_x"), field.psf.check, kernel),
+            "psf_limits": ("limit", np.array([field.psf.outside, field.psf.arms]),
+                           {"units": "1", "long_name": "light outside the window; difference between the beams"}),
+        }  # fmt: skip
     data = xarray.Dataset(
         variables,
         coords={"y": ("y", field.y_m, {"units": "m"}), "x": ("x", field.x_m, {"units": "m"})},
@@ -78,8 +103,8 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
     )  # fmt: skip
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     try:
-        packed = {name: {"zlib": True, "complevel": 1} for name in ("gamma_re", "gamma_im", "opd", "kernel")
-                  if name in variables}  # fmt: skip
+        large = ("gamma_re", "gamma_im", "opd", "kernel", "psf", "psf_check_kernel")
+        packed = {name: {"zlib": True, "complevel": 1} for name in large if name in variables}
         data.to_netcdf(temporary, engine="h5netcdf", encoding=packed)
         os.replace(temporary, path)
     except OSError as error:
@@ -122,7 +147,16 @@ def load_field(path: str | Path, expected: Mapping[str, str | float] | None = No
             for arm, y, width in zip(*(get.get(f"shadow_{n}", ()) for n in ("arm", "y", "half_width")), strict=True)
         ),
         views=_views(get), left_out=float(attrs["left_out"]), left_out_baseline=float(attrs["left_out_baseline"]),
+        psf=_psf(get),
     )  # fmt: skip
+
+
+def _psf(get: Mapping[str, NDArray[Any]]) -> NominalPsf | None:
+    if "psf" not in get:
+        return None
+    outside, arms = get["psf_limits"].tolist()
+    return NominalPsf(get["psf_x"], get["psf_y"], get["psf"], get["psf_check_place"], get["psf_check_kernel"], outside,
+                      arms)  # fmt: skip
 
 
 def _two(values: Sequence[int]) -> tuple[int, int]:
@@ -132,14 +166,25 @@ def _two(values: Sequence[int]) -> tuple[int, int]:
 
 def _pairs(get: Mapping[str, NDArray[Any]]) -> tuple[FieldPair, ...]:
     found, start = [], 0
+    mutual = _mutual(get)
     for k, count in enumerate(get["samples"].tolist()):
         part = slice(start, start + count)
         gamma = get["gamma_re"][part] + 1j * get["gamma_im"][part]
         found.append(FieldPair(int(get["pair_m"][k]), int(get["pair_l"][k]), get["sigma"][part], gamma,
                                get["opd"][part], float(get["pair_error"][k]),
-                               float(get["pair_interpolation"][k])))  # fmt: skip
+                               float(get["pair_interpolation"][k]), mutual.get(k)))  # fmt: skip
         start += count
     return tuple(found)
+
+
+def _mutual(get: Mapping[str, NDArray[Any]]) -> dict[int, MutualKernel]:
+    found, start = {}, 0
+    for k, (height, width) in enumerate(get.get("mutual_size", np.empty((0, 2), np.int64)).tolist()):
+        part = slice(start, start + height * width)
+        start = part.stop
+        apart = (get["mutual_re"][part] + 1j * get["mutual_im"][part]).reshape(height, width)
+        found[k] = MutualKernel(apart, int(get["mutual_step"][k]), float(get["mutual_most"][k]))
+    return found
 
 
 def _views(get: Mapping[str, NDArray[Any]]) -> tuple[SceneView, ...]:

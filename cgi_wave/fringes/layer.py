@@ -18,6 +18,7 @@ class Zone:
     row, column : scene sample seen by pixel (0, 0) at scroll 0; sample (row + j, column + i) by pixel (j, i). Fractions
         are allowed and cost an interpolation
     phase : (R, X) rad, 2πσ0 times the nominal OPD; None: no harmonics are taken out of ghost patterns
+    dark : rows on which patterns do not continue those of their neighbours: dead zones
     """
 
     x_m: Array
@@ -25,6 +26,7 @@ class Zone:
     row: float = 0.0
     column: float = 0.0
     phase: Array | None = None
+    dark: tuple[int, ...] = ()
 
     @property
     def pitch(self) -> float:

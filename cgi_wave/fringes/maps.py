@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,8 @@ LEAST_SEEN = 0.75
 
 @dataclass(frozen=True)
 class Window:
-    """Rows of the fit. rows, u (J,); cosine, sine (J, X) of the nominal phase; fringes : whole ones at the centre"""
+    """Rows of the fit, those in dead zones left out. rows, u (J,); cosine, sine (J, X) of the nominal phase; fringes :
+    whole ones at the centre"""
 
     rows: NDArray[np.int64]
     u: Array
@@ -76,13 +78,14 @@ class Retrieved:
     nma_error: Array
 
 
-def window(phase: Array, dtype: type = np.float32) -> Window:
+def window(phase: Array, dtype: type = np.float32, lit: NDArray[np.bool_] | None = None) -> Window:
     """The longest window of whole fringes centred in the zone; phase (R, X) rad, of the nominal OPD at σ0.
 
+    lit (R,) : rows that no dead zone shades; the others take no part in the fit, wherever in the window they lie.
     Raises MethodLimitError for fewer than 4 samples per fringe anywhere, less than a fringe, or fewer than 7 rows.
     """
     rows = len(phase)
-    steepest = float(np.abs(np.diff(phase, axis=0)).max()) / (2.0 * np.pi)
+    steepest = max(float(np.abs(b - a).max()) for a, b in pairwise(phase)) / (2.0 * np.pi)
     if steepest > (1.0 + 1e-9) / MIN_SAMPLES_PER_FRINGE:
         raise MethodLimitError(
             METHOD, f"at least {MIN_SAMPLES_PER_FRINGE:.0f} samples per fringe, here {1.0 / steepest:.3g}",
@@ -98,11 +101,19 @@ def window(phase: Array, dtype: type = np.float32) -> Window:
         )  # fmt: skip
     half = 0.5 * fringes / frequency
     offset = np.arange(rows) - 0.5 * (rows - 1)
-    inside = np.flatnonzero((offset >= -half * (1.0 + 1e-9)) & (offset < half * (1.0 - 1e-9)))
-    theta = phase[inside] - phase[rows // 2]
-    return Window(
-        inside, np.asarray(offset[inside] / half), np.cos(theta).astype(dtype), np.sin(theta).astype(dtype), fringes
-    )
+    within = (offset >= -half * (1.0 + 1e-9)) & (offset < half * (1.0 - 1e-9))
+    inside = np.flatnonzero(within if lit is None else within & lit)
+    if len(inside) < MIN_ROWS:
+        raise MethodLimitError(
+            METHOD, f"at least {MIN_ROWS} rows outside dead zones, here {len(inside)}",
+            MIN_ROWS / max(len(inside), 1), "take a longer zone",
+        )  # fmt: skip
+    cosine: Real = np.empty((len(inside), phase.shape[1]), dtype)
+    sine: Real = np.empty_like(cosine)
+    for k, j in enumerate(inside):  # row by row: nothing of double length is left behind
+        theta = phase[j] - phase[rows // 2]
+        cosine[k], sine[k] = np.cos(theta), np.sin(theta)
+    return Window(inside, np.asarray(offset[inside] / half), cosine, sine, fringes)
 
 
 class GroundFit:
@@ -181,13 +192,14 @@ class GroundFit:
 
 def retrieve_ground(
     frames: Iterable[Real], phase: Array, moves: Motion, first: int = 0, detector: Detector | None = None,
-    dtype: type = np.float32,
+    dtype: type = np.float32, lit: NDArray[np.bool_] | None = None,
 ) -> Retrieved:  # fmt: skip
-    """Maps of a whole sequence. frames : (R, X) each; phase (R, X) rad of the nominal OPD; first : see ``GroundFit``.
+    """Maps of a whole sequence. frames : (R, X) each; phase (R, X) rad of the nominal OPD; first : see ``GroundFit``;
+    lit (R,) : see ``window``.
 
     Raises MethodLimitError as ``window`` does, InputError when no ground point passes enough of the window.
     """
-    fit = window(phase, dtype)
+    fit = window(phase, dtype, lit)
     run = GroundFit(fit, moves, first, detector, dtype)
     done: list[tuple[int, Array, Array, int]] = []
     for frame in frames:

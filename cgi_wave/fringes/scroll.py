@@ -8,6 +8,8 @@ pixel's own, so that no fringe is smeared, only the ground is met half a pixel o
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -77,10 +79,19 @@ def stream(beams: Beams, moves: Motion, threads: int = THREADS) -> Iterator[Real
     """
     for shift in (float(moves.rows.min()), float(moves.rows.max())):
         beams.ready(shift)
+    give_back()
     out: Real = np.empty(beams.zone.shape, beams.dtype)
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         for shift in moves.rows:
             yield beams.frame(float(shift), out, pool if threads > 1 else None)
+
+
+def give_back() -> None:
+    """Freed memory goes back to the system. The GNU C library would keep what large arrays leave between small ones."""
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
 
 
 def regrouped(frames: NDArray[np.generic]) -> NDArray[np.generic]:

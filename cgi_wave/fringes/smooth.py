@@ -27,36 +27,49 @@ POINTS = 6000
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes every ``pitch`` pixels from pixel (0, 0) on, the last past the end, and how pixels are made of them."""
+    """Nodes every ``pitch`` pixels, the first one pitch before pixel (0, 0) and the last beyond the end, so that every
+    cell of pixels lies between the second and third of four nodes.
+
+    table (4, pitch) : weights of the nodes at a cell's pixels
+    """
 
     pitch: int
     rows: int
     columns: int
     table: Real
-    base_y: NDArray[np.int64]
-    base_x: NDArray[np.int64]
 
     @property
-    def nodes(self) -> tuple[int, int]:
-        """Numbers of nodes along and across track, four at least."""
-        return _count(self.rows, self.pitch), _count(self.columns, self.pitch)
+    def cells(self) -> tuple[int, int]:
+        """Numbers of cells along and across track."""
+        return -(-self.rows // self.pitch), -(-self.columns // self.pitch)
 
-
-def _count(size: int, pitch: int) -> int:
-    return max(-(-(size - 1) // pitch) + 1, 4)
+    @property
+    def nodes(self) -> tuple[Array, Array]:
+        """Pixels of the nodes along and across track, cells + 3 each."""
+        along, across = (self.pitch * np.arange(-1.0, count + 2) for count in self.cells)
+        return along, across
 
 
 def grid(shape: tuple[int, int], pitch: int, dtype: type) -> Grid:
-    """The grid of a zone; its Lagrange weights for the first, inner and last gap of four nodes."""
-    t = np.arange(pitch) / pitch
-    table: Real = np.array([lagrange(t + gap - 1.0) for gap in range(3)], dtype=dtype)
-    base = [np.clip(np.arange(-(-n // pitch)) - 1, 0, _count(n, pitch) - 4) for n in shape]
-    return Grid(pitch, *shape, table, base[0], base[1])
+    """The grid of a zone."""
+    return Grid(pitch, *shape, lagrange(np.arange(pitch) / pitch).astype(dtype))
 
 
-def gaps(base: NDArray[np.int64]) -> NDArray[np.int64]:
-    """In which of the three gaps of its four nodes each cell lies."""
-    return np.arange(len(base)) - base
+def turns(phase: Array, where: Grid, dtype: type) -> Real:
+    """(2, R, K) cos and sin of the phase (R, X) of every row, at the nodes."""
+    ahead = at_nodes(phase, where)
+    return np.array([np.cos(ahead), np.sin(ahead)], dtype=dtype)
+
+
+def at_nodes(rows: Array, where: Grid) -> Array:
+    """(…, K) rows of pixels (…, X) at the nodes; beyond the zone by the cubic through four pixels at its edge."""
+    step = max(1, min(where.pitch, (where.columns - 1) // 3))
+    at = where.nodes[1]
+    left, right = step * np.arange(4), where.columns - 1 - step * np.arange(3, -1, -1)
+    low, high = at < 0, at > where.columns - 1
+    before, after = (lagrange((at[out] - own[1]) / step) for out, own in ((low, left), (high, right)))
+    inside = rows[..., at[~low & ~high].astype(np.int64)]
+    return np.concatenate([rows[..., left] @ before, inside, rows[..., right] @ after], axis=-1)
 
 
 def lagrange(t: Array) -> Array:
@@ -105,7 +118,8 @@ class Envelopes:
     def __init__(self, zone: Zone) -> None:
         rows, columns = zone.shape
         rng = np.random.default_rng(0)  # where the pattern is looked at: any points will do, the same ones each time
-        self._j, self._i = rng.integers(0, rows, POINTS), rng.integers(0, columns, POINTS)
+        lit = np.setdiff1d(np.arange(rows), zone.dark)
+        self._j, self._i = lit[rng.integers(0, len(lit), POINTS)], rng.integers(0, columns, POINTS)
         self._shape = zone.shape
         self._turn = np.ones((1, POINTS))
         if zone.phase is not None:
@@ -128,15 +142,16 @@ class Envelopes:
                 return degree, np.asarray(term).reshape(len(self._turn), *degree)
         return None
 
-    def on_nodes(self, degree: tuple[int, int], term: Array, where: Grid) -> Array:
-        """(M, N, K) envelopes at the nodes."""
+    def on_nodes(self, degree: tuple[int, int], term: Array, where: Grid, dark: Array) -> Array:
+        """(M, N, K) envelopes at the nodes, and behind them one row for each of the pattern's rows ``dark`` (D, X)."""
         along, across = where.nodes
-        x = _basis(np.arange(across) * where.pitch, self._shape[1], degree[0])
-        y = _basis(np.arange(along) * where.pitch, self._shape[0], degree[1])
-        return np.einsum("mab,ak,bn->mnk", term, x, y)
+        x, y = _basis(across, self._shape[1], degree[0]), _basis(along, self._shape[0], degree[1])
+        own = np.zeros((len(term), len(dark), len(across)))
+        own[0] = at_nodes(dark, where)
+        return np.concatenate([np.einsum("mab,ak,bn->mnk", term, x, y, optimize=True), own], axis=1)
 
 
-def _basis(at: NDArray[np.int64], size: int, count: int) -> Array:
+def _basis(at: NDArray[np.int64] | Array, size: int, count: int) -> Array:
     """(count, …) Chebyshev polynomials of a pixel number."""
     u = 2.0 * np.asarray(at, dtype=np.float64) / (size - 1) - 1.0
     return np.asarray(np.polynomial.chebyshev.chebvander(u, count - 1).T)

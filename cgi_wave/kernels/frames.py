@@ -4,7 +4,9 @@ A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, index[j], x] + Σ_h har
 sum holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a row. The
 second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every ``pitch``
 pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation:
-along x once per coarse row, along y inside the loop over pixels.
+along y on the nodes, once per row of pixels, where harmonics meet their envelopes too, since fringes run along x and
+change as slowly across track as these; then along x inside the loop over pixels, where all pixels of a cell share four
+nodes. So a frame moves hardly more memory than pattern, image and result take.
 
 All arrays of one call share one floating type, so that nothing is converted on the way. Loops over pixels are functions
 of their own on contiguous rows: that is what lets the compiler vectorise them. No sum is reordered, and every row is
@@ -14,11 +16,14 @@ computed in one piece, so that results do not depend on how rows are given out t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 #: A product may be fused with the sum it goes into; nothing else of IEEE arithmetic is given up.
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
-BLOCK = 208  # columns in one piece of the harmonic sum: 20 coarse rows stay in the first cache; odd in cache lines
+LANES = 8  # pixels that are computed together: every pitch of the grid is a multiple
 
 
 @njit(**_JIT)
@@ -106,6 +111,31 @@ def warped_rows(out, pattern, image, x, y, shift, wrap, order, first, last):
 
 
 @njit(**_JIT)
+def sampled(image, row, ahead, column, wrap):
+    """(C, V, K) an image (C, H, W) at rows row (V,) + ahead (K,) and columns (K,), by four samples each way.
+
+    Beyond the image its edge goes on; along rows it repeats if ``wrap``.
+    """
+    modes, height, width = image.shape
+    out = np.empty((modes, row.shape[0], column.shape[0]), image.dtype)
+    wx, wy = np.empty(4), np.empty(4)
+    for k in range(column.shape[0]):
+        x, t = _start(column[k], width, False)
+        cubic(t, wx, 4)
+        for v in range(row.shape[0]):
+            y, t = _start(row[v] + ahead[k], height, wrap)
+            cubic(t, wy, 4)
+            for c in range(modes):
+                total = 0.0
+                for b in range(4):
+                    r = (y + b) % height if wrap else y + b
+                    total += wy[b] * (wx[0] * image[c, r, x] + wx[1] * image[c, r, x + 1] + wx[2] * image[c, r, x + 2]
+                                      + wx[3] * image[c, r, x + 3])  # fmt: skip
+                out[c, v, k] = total
+    return out
+
+
+@njit(**_JIT)
 def cubic(t, weight, order):
     """Weights of 2 or 4 samples (Lagrange) at the fraction t beyond the second of four, the first of two."""
     if order == 2:
@@ -118,188 +148,199 @@ def cubic(t, weight, order):
 
 
 @njit(**_JIT)
-def _weighted(total, a, b, c, d, w):
-    wa, wb, wc, wd = w[0], w[1], w[2], w[3]
+def _weighted(total, a, b, c, d, wa, wb, wc, wd):
     for n in range(total.shape[0]):
         total[n] = wa * a[n] + wb * b[n] + wc * c[n] + wd * d[n]
 
 
 @njit(**_JIT)
-def _times(total, a, b):
-    for n in range(total.shape[0]):
-        total[n] += a[n] * b[n]
+def _start(place, size, wrap):
+    """First of the four samples of a line that make up a place on it, and how far beyond the second it lies.
+
+    The line repeats if ``wrap``; else its ends go on, and there four samples on one side serve (as ``smooth.taps``).
+    """
+    if not wrap:
+        place = min(max(place, 0.0), size - 1.0)
+    start = np.floor(place)
+    if not wrap:
+        start = min(max(start, 1.0), size - 3.0)
+    return int(start) - 1, place - start
 
 
 @njit(**_JIT)
-def _spread(out, node, weight, base, shift):
-    """One coarse row brought to the pixels: out (X,), node (N,), weight (3, 4, pitch), base and shift (cells,)."""
-    pitch, size = weight.shape[2], out.shape[0]
-    full = size // pitch
-    for p in range(pitch):
-        inner = weight[1, :, p]
-        w0, w1, w2, w3 = inner[0], inner[1], inner[2], inner[3]
-        for k in range(1, full):  # cells whose four nodes stand one before and two after; the others are done below
-            out[k * pitch + p] = w0 * node[k - 1] + w1 * node[k] + w2 * node[k + 1] + w3 * node[k + 2]
-    for k in range(base.shape[0]):
-        if shift[k] != 1 or k >= full:
-            b, w = base[k], weight[shift[k]]
-            for p in range(min(pitch, size - k * pitch)):
-                out[k * pitch + p] = (w[0, p] * node[b] + w[1, p] * node[b + 1] + w[2, p] * node[b + 2]
-                                      + w[3, p] * node[b + 3])  # fmt: skip
+def _lines(line, coarse, row, shift, size, wrap, i, w):
+    """Images of all layers on row i of nodes, once per kind: line (E, M, K)."""
+    for e in range(line.shape[0]):
+        first, t = _start(row[e, i] + shift[e], size[e], wrap)
+        cubic(t, w, 4)
+        a, b, c, d = first, first + 1, first + 2, first + 3
+        if wrap:
+            a, b, c, d = a % size[e], b % size[e], c % size[e], d % size[e]
+        wa, wb, wc, wd = w[0], w[1], w[2], w[3]
+        for k in range(line.shape[2]):
+            line[e, 0, k] = wa * coarse[e, a, k] + wb * coarse[e, b, k] + wc * coarse[e, c, k] + wd * coarse[e, d, k]
+        for h in range(1, line.shape[1]):
+            for k in range(line.shape[2]):
+                line[e, h, k] = line[e, 0, k]
 
 
 @njit(**_JIT)
-def _mix(a, b, c, d, wa, wb, wc, wd):
-    return wa * a + wb * b + wc * c + wd * d
+def _add_products(total, a, b):
+    """total[n] += Σ_e a[e, n] b[e, n]."""
+    for e in range(a.shape[0]):
+        for n in range(a.shape[1]):
+            total[n] += a[e, n] * b[e, n]
 
 
 @njit(**_JIT)
-def _turn(c, s, plain, c1, s1, c2, s2):
-    return plain + c * c1 + s * s1 + (c * c - s * s) * c2 + (c * s + c * s) * s2
+def _folded(plain, c1, s1, c2, s2, cosine, sine):
+    """All kinds of a row of nodes added up, into the first: A + C1 cos θ + S1 sin θ + C2 cos 2θ + S2 sin 2θ."""
+    for k in range(plain.shape[0]):
+        c, s = cosine[k], sine[k]
+        plain[k] += c * c1[k] + s * s1[k] + (c * c - s * s) * c2[k] + (c * s + c * s) * s2[k]
 
 
 @njit(**_JIT)
-def _tile1(tile, f, w):
-    """Four rows of one block from four coarse rows; f in one piece, at distances known when this is compiled."""
-    w00, w01, w02, w03 = w[0, 0], w[0, 1], w[0, 2], w[0, 3]
-    w10, w11, w12, w13 = w[1, 0], w[1, 1], w[1, 2], w[1, 3]
-    w20, w21, w22, w23 = w[2, 0], w[2, 1], w[2, 2], w[2, 3]
-    w30, w31, w32, w33 = w[3, 0], w[3, 1], w[3, 2], w[3, 3]
-    for x in range(BLOCK):
-        a, b, c, d = f[x], f[BLOCK + x], f[2 * BLOCK + x], f[3 * BLOCK + x]
-        tile[x] = _mix(a, b, c, d, w00, w01, w02, w03)
-        tile[BLOCK + x] = _mix(a, b, c, d, w10, w11, w12, w13)
-        tile[2 * BLOCK + x] = _mix(a, b, c, d, w20, w21, w22, w23)
-        tile[3 * BLOCK + x] = _mix(a, b, c, d, w30, w31, w32, w33)
+def _mixed(out, ring, first, w, cosine, sine):
+    """Nodes of one pixel row, in out[:K] of (M·K), from four rows of nodes: ring (4, M·K), place by number mod 4."""
+    a, b, c, d = ring[first % 4], ring[(first + 1) % 4], ring[(first + 2) % 4], ring[(first + 3) % 4]
+    _weighted(out, a, b, c, d, w[0], w[1], w[2], w[3])
+    nodes = cosine.shape[0]
+    if out.shape[0] > nodes:
+        _folded(out[:nodes], out[nodes : 2 * nodes], out[2 * nodes : 3 * nodes], out[3 * nodes : 4 * nodes],
+                out[4 * nodes :], cosine, sine)  # fmt: skip
 
 
-@njit(**_JIT)
-def _tile5(tile, turn, f, w):
-    """The same with harmonics: turn holds cos θ of the four rows, then sin θ. Loads of f serve four rows each."""
-    w00, w01, w02, w03 = w[0, 0], w[0, 1], w[0, 2], w[0, 3]
-    w10, w11, w12, w13 = w[1, 0], w[1, 1], w[1, 2], w[1, 3]
-    w20, w21, w22, w23 = w[2, 0], w[2, 1], w[2, 2], w[2, 3]
-    w30, w31, w32, w33 = w[3, 0], w[3, 1], w[3, 2], w[3, 3]
-    for x in range(BLOCK):
-        a0, b0, c0, d0 = f[x], f[5 * BLOCK + x], f[10 * BLOCK + x], f[15 * BLOCK + x]
-        a1, b1, c1, d1 = f[BLOCK + x], f[6 * BLOCK + x], f[11 * BLOCK + x], f[16 * BLOCK + x]
-        a2, b2, c2, d2 = f[2 * BLOCK + x], f[7 * BLOCK + x], f[12 * BLOCK + x], f[17 * BLOCK + x]
-        a3, b3, c3, d3 = f[3 * BLOCK + x], f[8 * BLOCK + x], f[13 * BLOCK + x], f[18 * BLOCK + x]
-        a4, b4, c4, d4 = f[4 * BLOCK + x], f[9 * BLOCK + x], f[14 * BLOCK + x], f[19 * BLOCK + x]
-        tile[x] = _turn(
-            turn[x], turn[4 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w00, w01, w02, w03), _mix(a1, b1, c1, d1, w00, w01, w02, w03),
-            _mix(a2, b2, c2, d2, w00, w01, w02, w03), _mix(a3, b3, c3, d3, w00, w01, w02, w03),
-            _mix(a4, b4, c4, d4, w00, w01, w02, w03),
-        )  # fmt: skip
-        tile[BLOCK + x] = _turn(
-            turn[BLOCK + x], turn[5 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w10, w11, w12, w13), _mix(a1, b1, c1, d1, w10, w11, w12, w13),
-            _mix(a2, b2, c2, d2, w10, w11, w12, w13), _mix(a3, b3, c3, d3, w10, w11, w12, w13),
-            _mix(a4, b4, c4, d4, w10, w11, w12, w13),
-        )  # fmt: skip
-        tile[2 * BLOCK + x] = _turn(
-            turn[2 * BLOCK + x], turn[6 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w20, w21, w22, w23), _mix(a1, b1, c1, d1, w20, w21, w22, w23),
-            _mix(a2, b2, c2, d2, w20, w21, w22, w23), _mix(a3, b3, c3, d3, w20, w21, w22, w23),
-            _mix(a4, b4, c4, d4, w20, w21, w22, w23),
-        )  # fmt: skip
-        tile[3 * BLOCK + x] = _turn(
-            turn[3 * BLOCK + x], turn[7 * BLOCK + x],
-            _mix(a0, b0, c0, d0, w30, w31, w32, w33), _mix(a1, b1, c1, d1, w30, w31, w32, w33),
-            _mix(a2, b2, c2, d2, w30, w31, w32, w33), _mix(a3, b3, c3, d3, w30, w31, w32, w33),
-            _mix(a4, b4, c4, d4, w30, w31, w32, w33),
-        )  # fmt: skip
+def _lanes(fresh, name):
+    """``LANES`` neighbouring pixels at once, from the nodes k … k + 3, written in the compiler's own vectors.
 
+    The loop over the pixels of a cell is too short for the compiler to vectorise by itself. Sets out[x:] to
+    pattern·image + Σ_d w[d, p:] node[k + d], or adds the sum.
+    """
 
-@njit(**_JIT)
-def _add(out, part):
-    for x in range(out.shape[0]):
-        out[x] += part[x]
+    def typed(context, out, pattern, image, w, node, x, p, k):
+        def code(target, builder, signature, args):
+            real = target.get_data_type(out.dtype)
+            lanes, size = ir.VectorType(real, LANES), target.get_abi_sizeof(real)
+            nothing, zeros = ir.Constant(lanes, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), LANES), None)
+            data = [target.make_array(kind)(target, builder, value).data
+                    for kind, value in zip(signature.args[:5], args[:5], strict=True)]  # fmt: skip
+            _, pitch = cgutils.unpack_tuple(builder, target.make_array(w)(target, builder, args[3]).shape, 2)
 
+            def place(n, at):
+                return builder.bitcast(builder.gep(data[n], [at]), lanes.as_pointer())
 
-@njit(**_JIT)
-def carrier_tiles(cosine, sine, pitch, tiles):
-    """cos θ and sin θ (R, X) in the order ``frame_rows`` reads them: tiles (cells, blocks, pitch/4, 8·BLOCK)."""
-    rows, columns = cosine.shape
-    for cell in range(tiles.shape[0]):
-        for block in range(tiles.shape[1]):
-            for part in range(tiles.shape[2]):
-                for r in range(4):
-                    j = min(cell * pitch + 4 * part + r, rows - 1)
-                    for x in range(BLOCK):
-                        i = min(block * BLOCK + x, columns - 1)
-                        tiles[cell, block, part, r * BLOCK + x] = cosine[j, i]
-                        tiles[cell, block, part, (4 + r) * BLOCK + x] = sine[j, i]
+            def load(n, at):
+                return builder.load(place(n, at), align=size)
 
+            def ahead(at, steps, d):
+                return builder.add(at, builder.mul(steps, ir.Constant(steps.type, d)))
 
-@njit(**_JIT)
-def _node_row(field, envelope, coarse, row, row_weight, table, base, shift, i, line, node, pixels):
-    """Row i of nodes into its place in ``field``: all smooth layers times their images, added up, spread along x."""
-    kinds = envelope.shape[1]
-    node[:, :] = 0.0
-    for e in range(envelope.shape[0]):
-        at = row[e, i]
-        _weighted(line, coarse[e, at[0]], coarse[e, at[1]], coarse[e, at[2]], coarse[e, at[3]], row_weight[e, i])
-        for h in range(kinds):
-            _times(node[h], envelope[e, h, i], line)
-    for h in range(kinds):
-        _spread(pixels, node[h], table, base, shift)
-        to = ((i % 4) * kinds + h) * BLOCK
-        for block in range(field.shape[0]):
-            x = block * BLOCK
-            size = min(BLOCK, pixels.shape[0] - x)
-            field[block, to : to + size] = pixels[x : x + size]
+            def all_of(number):
+                one = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
+                return builder.shuffle_vector(one, nothing, zeros)
 
+            def fused(a, b, c):
+                return builder.fadd(builder.fmul(a, b, flags=("contract",)), c, flags=("contract",))
 
-@njit(**_JIT)
-def _cell(out, tiles, field, turned, tile):
-    """A cell's rows of out (≤ pitch, X), added to: tiles (blocks, pitch/4, 8·BLOCK), turned (pitch, 4)."""
-    kinds, columns = field.shape[1] // (4 * BLOCK), out.shape[1]
-    for block in range(field.shape[0]):
-        x, end = block * BLOCK, min((block + 1) * BLOCK, columns)
-        for part in range(turned.shape[0] // 4):
-            if kinds == 1:
-                _tile1(tile, field[block], turned[4 * part :])
+            if fresh:
+                total = builder.fmul(load(1, args[5]), load(2, args[5]), flags=("contract",))
             else:
-                _tile5(tile, tiles[block, part], field[block], turned[4 * part :])
-            for r in range(min(4, out.shape[0] - 4 * part)):
-                _add(out[4 * part + r, x:end], tile[r * BLOCK :])
+                total = load(0, args[5])
+            for d in range(4):
+                number = builder.load(builder.gep(data[4], [builder.add(args[7], ir.Constant(args[7].type, d))]))
+                total = fused(load(3, ahead(args[6], pitch, d)), all_of(number), total)
+            builder.store(total, place(0, args[5]), align=size)
+            return target.get_dummy_value()
+
+        return types.void(out, pattern, image, w, node, x, p, k), code
+
+    typed.__name__ = typed.__qualname__ = name
+    return intrinsic(typed)
+
+
+_set_lanes, _add_lanes = _lanes(True, "_set_lanes"), _lanes(False, "_add_lanes")
+
+
+@njit(**_JIT)
+def _between(node, k, w, p):
+    return w[0, p] * node[k] + w[1, p] * node[k + 1] + w[2, p] * node[k + 2] + w[3, p] * node[k + 3]
+
+
+@njit(**_JIT)
+def _set_row(out, pattern, image, w, node):
+    """A row of pixels: pattern·image and, from its nodes (K,), all smooth layers."""
+    pitch, whole = w.shape[1], out.shape[0] // w.shape[1]
+    for k in range(whole):
+        for p in range(0, pitch, LANES):
+            _set_lanes(out, pattern, image, w, node, k * pitch + p, p, k)
+    for x in range(whole * pitch, out.shape[0]):
+        out[x] = pattern[x] * image[x] + _between(node, whole, w, x - whole * pitch)
+
+
+@njit(**_JIT)
+def _add_row(out, w, node):
+    """The same of the smooth layers alone, added."""
+    pitch, whole = w.shape[1], out.shape[0] // w.shape[1]
+    for k in range(whole):
+        for p in range(0, pitch, LANES):
+            _add_lanes(out, out, out, w, node, k * pitch + p, p, k)
+    for x in range(whole * pitch, out.shape[0]):
+        out[x] += _between(node, whole, w, x - whole * pitch)
+
+
+@njit(**_JIT)
+def _node_row(total, i, fringed, plain, coarse, row, shift, size, wrap, many, one, w):
+    """Row i of nodes (M·K): all smooth layers, those with fringes first; many (E, M, K), one (F, 1, K): work space."""
+    total[:] = 0.0
+    e = many.shape[0]
+    if e > 0:
+        _lines(many, coarse[:e], row[:e], shift[:e], size[:e], wrap, i, w)
+        _add_products(total, fringed[i], many.reshape(e, many.shape[1] * many.shape[2]))
+    if one.shape[0] > 0:
+        _lines(one, coarse[e:], row[e:], shift[e:], size[e:], wrap, i, w)
+        _add_products(total, plain[i], one.reshape(one.shape[0], one.shape[2]))
 
 
 @njit(**_JIT)
 def frame_rows(
-    out, pattern, image, index, weight, tiles, envelope, coarse, row, row_weight, table, base_x, shift_x, base_y,
-    shift_y, field, first, last,
+    out, pattern, image, index, weight, turn, own, fringed, plain, coarse, row, shift, size, wrap, table, first, last,
 ):  # fmt: skip
     """Rows first…last − 1 of a frame, set: one sharp layer and all smooth layers. ``first`` starts a cell.
 
-    out (R, X); pattern, image, index, weight: see ``sharp_rows``; tiles: of the nominal phase, see ``carrier_tiles``
-    envelope (E, M, N, K): of 1, and with M = 5 of cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes
-    coarse (E, V, K): the layers' images on coarse rows along track and on the nodes across it
-    row, row_weight (E, N, 4): which coarse rows make up each row of nodes in this frame
-    table (3, 4, pitch): Lagrange weights at the pixels after the first, second, third of four nodes
-    base, shift (cells,): first of the four nodes of each cell of pixels, and in which of their three gaps it lies
-    field (blocks, 4·M·BLOCK): work space of this call alone: the four rows of nodes in use, row i in place i mod 4, so
-    that they stay in the second-level cache
+    The last axis of every array has to be contiguous.
+
+    out (R, X); pattern, image, index, weight: see ``sharp_rows``
+    turn (2, R, K): cos and sin of the nominal phase of each row of pixels, at the nodes
+    fringed (N, E, 5 K), plain (N, F, K): envelopes of layers with and without fringes, of 1, and for the former of
+    cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the first one pitch before the zone
+    own (R,): number of the row of nodes that serves this row of pixels alone, or −1
+    coarse (E + F, V, K): the layers' images on coarse rows along track and on the nodes across it
+    row (E + F, N): place of each row of nodes among the coarse rows at scroll 0; shift (E + F,): by how many of them
+    the ground has moved; size (E + F,): their number, four at least; wrap: they repeat
+    table (4, pitch): Lagrange weights of the pixels between the second and third of four nodes
     """
-    pitch, kinds, columns = table.shape[2], envelope.shape[1], out.shape[1]
-    line, node = np.empty(envelope.shape[3], out.dtype), np.empty((kinds, envelope.shape[3]), out.dtype)
-    pixels, tile = np.empty(columns, out.dtype), np.empty(4 * BLOCK, out.dtype)
-    turned = np.empty((pitch, 4), out.dtype)
-    done = base_y[first // pitch]
-    for cell in range(first // pitch, (last - 1) // pitch + 1):
-        low, high = cell * pitch, min(last, (cell + 1) * pitch)
-        b = base_y[cell]
-        for i in range(done, b + 4):
-            _node_row(field, envelope, coarse, row, row_weight, table, base_x, shift_x, i, line, node, pixels)
-        done = b + 4
-        for t in range(4):
-            for p in range(pitch):
-                turned[p, (b + t) % 4] = table[shift_y[cell], t, p]
-        for j in range(low, high):
+    pitch, nodes = table.shape[1], coarse.shape[2]
+    kinds = 5 if fringed.shape[1] > 0 else 1
+    ring, mixed = np.empty((4, kinds * nodes), out.dtype), np.empty(kinds * nodes, out.dtype)
+    many, one = np.empty((fringed.shape[1], kinds, nodes), out.dtype), np.empty((plain.shape[1], 1, nodes), out.dtype)
+    along, w = table.T.copy(), np.empty(4, out.dtype)
+    fresh = pattern.shape[0] == 1 and index.shape[1] == 1
+    done = first // pitch
+    for j in range(first, last):
+        cell = j // pitch
+        for i in range(done, cell + 4):
+            _node_row(ring[i % 4], i, fringed, plain, coarse, row, shift, size, wrap, many, one, w)
+        done = cell + 4
+        if own[j] < 0:
+            _mixed(mixed, ring, cell, along[j - cell * pitch], turn[0, j], turn[1, j])
+        else:  # all of it is in the first kind
+            _node_row(mixed, own[j], fringed, plain, coarse, row, shift, size, wrap, many, one, w)
+        if fresh:
+            _set_row(out[j], pattern[0, j], image[0, index[j, 0]], table, mixed)
+        else:
             _sharp_row(out[j], pattern, image, index, weight, j, False)
-        _cell(out[low:high], tiles[cell], field, turned, tile)
+            _add_row(out[j], table, mixed)
 
 
 @njit(**_JIT)

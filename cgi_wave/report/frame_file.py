@@ -15,6 +15,7 @@ from cgi_wave.report.output import to_json
 
 if TYPE_CHECKING:
     from cgi_wave.frames import Frame
+    from cgi_wave.mosaic import DetectorFrame
     from cgi_wave.scrolling import Scrolled
 
 RELATIVE = "irradiance relative to the input under the reference spectrum"
@@ -45,6 +46,23 @@ def frame_figures(found: Frame) -> dict[str, Any]:
         "scene": found.scene,
         "shift_rows": found.shift,
         "seconds": found.seconds,
+    }
+
+
+#: What a frame of several bands lacks.
+ABSENT = "light of one band that arrives on another one's rows"
+
+
+def detector_figures(found: DetectorFrame) -> dict[str, Any]:
+    """What is said of a whole detector's frame in JSON and in the attributes of its file."""
+    return {
+        "detector": found.detector,
+        "bands": {part.band: frame_figures(part) for part in found.parts},
+        "rows_of_no_band": [list(span) for span in found.empty_rows],
+        "error": found.error,
+        "absent": ABSENT,
+        "scene": found.scene,
+        "shift_rows": found.shift,
     }
 
 
@@ -102,6 +120,30 @@ def write_frame(path: Path, found: Frame, provenance: Mapping[str, Any]) -> None
         },
     )  # fmt: skip
     _write(data, path, ("opd", "phase"))
+
+
+def write_detector(path: Path, found: DetectorFrame, provenance: Mapping[str, Any]) -> None:
+    """Variables frame, nominal, opd over (row, column) of the whole detector, and the band of every row."""
+    import xarray
+
+    pixel = ("row", "column")
+    own = "irradiance relative to the input of the row's band under its reference spectrum"
+    dark = "0 on pixels of no band"
+    data = xarray.Dataset(
+        {
+            "frame": (pixel, found.frame, {"units": "1", "long_name": own, "comment": dark}),
+            "nominal": (pixel, found.nominal, {"units": "1", "long_name": f"{own}, without ghosts", "comment": dark}),
+            "opd": (pixel, found.opd_m,
+                    {"units": "m", "long_name": "path difference of the nominal beams", "comment": dark}),
+            "band": ("row", found.band.astype(object), {"long_name": "band whose glass and filter fill the row"}),
+        },
+        coords=_coordinates(np.arange(len(found.y_m)), np.arange(len(found.x_m)), found.y_m, found.x_m),
+        attrs={
+            "title": f"frame of {found.detector}", "error_bound": found.error, "scene": found.scene, "absent": ABSENT,
+            "figures": to_json(detector_figures(found)), "provenance": to_json(provenance),
+        },
+    )  # fmt: skip
+    _write(data, path, ("frame", "nominal", "opd"))
 
 
 def write_maps(path: Path, found: Scrolled, provenance: Mapping[str, Any]) -> None:

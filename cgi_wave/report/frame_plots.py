@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
 
     from cgi_wave.frames import Frame
+    from cgi_wave.mosaic import DetectorFrame
     from cgi_wave.pointparts import PointParts
     from cgi_wave.scrolling import Scrolled
 
@@ -27,7 +28,7 @@ def plot_frame(result: Frame, ax: Axes | None = None) -> Axes:
     low, high = np.percentile(result.frame, [0.2, 99.8])  # a few bright roofs would leave the rest dark
     image = ax.imshow(result.frame, origin="lower", extent=_extent(x, y), cmap="gray", interpolation="nearest",
                       vmin=low, vmax=high)  # fmt: skip
-    ax.figure.colorbar(image, ax=ax, label="irradiance / input (dimensionless)", shrink=0.8, extend="both")
+    _bar(ax, image, "irradiance / input (dimensionless)")
     pitch = y[1] - y[0]
     for span in result.dead_rows:
         for edge in span:
@@ -38,14 +39,39 @@ def plot_frame(result: Frame, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def plot_detector(result: DetectorFrame, ax: Axes | None = None) -> Axes:
+    """The whole detector, in mm; edges of dead zones dashed, bands named beside their rows."""
+    ax = _axes(ax, (7.0, 6.0))
+    x, y = result.x_m * 1e3, result.y_m * 1e3
+    lit = result.frame[result.band != ""]
+    low, high = np.percentile(lit, [0.2, 99.8])
+    image = ax.imshow(result.frame, origin="lower", extent=_extent(x, y), cmap="gray", interpolation="nearest",
+                      vmin=low, vmax=high)  # fmt: skip
+    _bar(ax, image, "irradiance / the band's input (dimensionless)", at=1.06)
+    pitch = y[1] - y[0]
+    for part in result.parts:
+        for span in part.dead_rows:
+            for edge in span:
+                at = y[0] + (edge - 0.5) * pitch
+                if y[0] < at < y[-1]:
+                    ax.axhline(at, color="C3", lw=0.6, ls="--")
+        middle = y[0] + (0.5 * sum(part.rows) - 0.5) * pitch
+        ax.text(1.01, middle, part.band, transform=ax.get_yaxis_transform(), rotation=90, va="center", ha="left",
+                fontsize="small")  # fmt: skip
+    ax.set(xlabel="x across track (mm)", ylabel="y along track (mm)",
+           title=f"{result.detector}: {_first(result.scene)}")  # fmt: skip
+    return ax
+
+
 def plot_point(result: PointParts, ax: Axes | None = None) -> Axes:
     """Nominal interferogram of one ground point (left axis), and what ghosts add, in all and by family (right axis)."""
     ax = _axes(ax, (9.0, 4.8))
     y = result.y_m * 1e3
     ax.plot(y, result.nominal, color="0.6", label="nominal (left)")
     ax.set(xlabel="y along track (mm)", ylabel="irradiance / input (dimensionless)")
+    ax.text(0.01, 0.01, _point(result), transform=ax.transAxes, fontsize="small", va="bottom")
     right = ax.twinx()
-    right.plot(y, result.parasitic, color="C3", lw=1.2, label="parasitic, all (right)")
+    right.plot(y, result.parasitic, color="black", lw=1.2, label="parasitic, all (right)")
     strongest = sorted(result.parts, key=lambda name: -float(np.abs(result.parts[name]).max()))
     for number, name in enumerate(strongest[:FAMILIES]):
         right.plot(y, result.parts[name], color=f"C{number % 10}", lw=0.8, ls="--", label=f"{name} (right)")
@@ -63,14 +89,16 @@ def plot_point_spectrum(result: PointParts, ax: Axes | None = None) -> Axes:
     frequency = result.frequency * 1e-3
     floor = 1e-9 * float(result.nominal_spectrum.max())
     ax.semilogy(frequency, np.maximum(result.nominal_spectrum, floor), color="0.5", label="nominal")
-    ax.semilogy(frequency, np.maximum(result.parasitic_spectrum, floor), color="C3", label="parasitic")
+    ax.semilogy(frequency, np.maximum(result.parasitic_spectrum, floor), color="black", lw=1.2, label="parasitic")
     drawn: dict[str, int] = {}
     for name, at, amplitude in result.lines[:MARKS]:
         new = name not in drawn
         colour = drawn.setdefault(name, len(drawn))
         ax.plot([at * 1e-3], [max(amplitude, floor)], "v", color=f"C{colour % 10}", label=name if new else None)
         ax.axvline(at * 1e-3, color=f"C{colour % 10}", lw=0.6, ls=":")
-    ax.set(xlabel="fringe frequency along y (1/mm)", ylabel="amplitude / input (dimensionless)")
+    edge = 0.02 * float(frequency[-1])  # a mark at no frequency at all stands whole
+    ax.set(xlim=(-edge, frequency[-1] + edge), xlabel="fringe frequency along y (1/mm)",
+           ylabel="amplitude / input (dimensionless)", title=_point(result))  # fmt: skip
     ax.legend(fontsize="small", frameon=False)
     return ax
 
@@ -82,53 +110,39 @@ def plot_nma_error(result: Scrolled, ax: Axes | None = None) -> Axes:
     x, y = result.x_m * 1e3, result.y_m * 1e3
     image = ax.imshow(values, origin="lower", extent=_extent(x, y), cmap="viridis", interpolation="nearest",
                       vmin=100.0 * result.errors.low, vmax=100.0 * result.errors.high)  # fmt: skip
-    ax.figure.colorbar(image, ax=ax, label="NMA error (%)", shrink=0.8, extend="both")
+    _bar(ax, image, "NMA error (%)")
     ax.set(xlabel="X across track (mm on the detector)", ylabel="Y along track (mm on the detector)",
            title=f"{result.band}: {_first(result.scene)}")  # fmt: skip
     return ax
 
 
-def plot_waterfall(result: Scrolled, ax: Axes | None = None, shown: int = 6) -> Axes:
-    """A strip of some frames of the scroll, side by side, from left to right."""
-    ax = _axes(ax, (10.0, 3.4))
+def plot_waterfall(result: Scrolled, ax: Axes | None = None, shown: int = 4) -> Axes:
+    """Some frames of the scroll side by side, from left to right, in mm on the detector; ghosts and noise included."""
+    ax = _axes(ax, (12.0, 3.0))
     chosen = np.unique(np.linspace(0, len(result.stills) - 1, shown).astype(int))
-    height, width = result.stills.shape[1:]
-    low, high = float(result.stills.min()), float(result.stills.max())
-    gap = max(1, width // 40)
+    zone = result.ready.zone
+    x0, x1, y0, y1 = _extent(zone.x_m * 1e3, zone.y_m * 1e3)
+    # stills leave out the last rows and columns where their step does not divide the zone
+    x1, y1 = (
+        low + n * result.still_step * zone.pitch * 1e3
+        for low, n in zip((x0, y0), result.stills.shape[:0:-1], strict=True)
+    )
+    width, gap = x1 - x0, 0.06 * (x1 - x0)
+    low, high = np.percentile(result.stills, [0.2, 99.8])
+    ticks: list[tuple[float, str]] = []
     for place, k in enumerate(chosen.tolist()):
         left = place * (width + gap)
-        ax.imshow(result.stills[k], origin="lower", extent=(left, left + width, 0.0, height), cmap="gray", vmin=low,
-                  vmax=high, interpolation="nearest")  # fmt: skip
-        ax.text(left + 0.5 * width, height, f"frame {result.still_frames[k]}", ha="center", va="bottom",
+        image = ax.imshow(result.stills[k], origin="lower", extent=(left, left + width, y0, y1), cmap="gray", vmin=low,
+                          vmax=high, interpolation="nearest")  # fmt: skip
+        ax.text(left + 0.5 * width, y1 + 0.02 * (y1 - y0), f"frame {result.still_frames[k]}", ha="center", va="bottom",
                 fontsize="small")  # fmt: skip
-    ax.set_xlim(0, len(chosen) * (width + gap) - gap)
-    ax.set_ylim(0, height)
-    ax.set_axis_off()
+        ticks += [(left + share * width, f"{x0 + share * width:.1f}") for share in (0.1, 0.5, 0.9)]
+    ax.set_xticks([at for at, _ in ticks], [text for _, text in ticks], fontsize="x-small")
+    ax.set(xlim=(0.0, len(chosen) * (width + gap) - gap), ylim=(y0, y1), xlabel="x across track in each frame (mm)",
+           ylabel="y along track (mm)")  # fmt: skip
+    ax.spines[:].set_visible(False)
+    _bar(ax, image, "irradiance / input\n(dimensionless)", at=1.01, width=0.008)
     return ax
-
-
-def write_movie(path: Path, result: Scrolled) -> None:
-    """The kept frames as an animated GIF."""
-    from matplotlib.animation import FuncAnimation, PillowWriter
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    height, width = result.stills.shape[1:]
-    figure = Figure(figsize=(width / 80.0 + 0.2, height / 80.0 + 0.4), dpi=80)
-    FigureCanvasAgg(figure)
-    ax = figure.add_axes((0.0, 0.0, 1.0, 0.9))
-    ax.set_axis_off()
-    image = ax.imshow(result.stills[0], origin="lower", cmap="gray", vmin=float(result.stills.min()),
-                      vmax=float(result.stills.max()), interpolation="nearest")  # fmt: skip
-    title = ax.set_title("", fontsize="small")
-
-    def draw(k: int) -> list[object]:
-        image.set_data(result.stills[k])
-        title.set_text(f"frame {result.still_frames[k]}")
-        return [image, title]
-
-    moving = FuncAnimation(figure, draw, frames=len(result.stills), blit=False)  # type: ignore[arg-type]
-    moving.save(str(path), writer=PillowWriter(fps=8))
 
 
 def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -138,6 +152,15 @@ def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
 
     _, made = plt.subplots(figsize=size, layout="constrained")
     return made
+
+
+def _bar(ax: Axes, image: AxesImage, label: str, at: float = 1.02, width: float = 0.025) -> None:
+    """A colour bar as high as the picture; pointed, since a few values lie beyond its ends."""
+    ax.figure.colorbar(image, cax=ax.inset_axes((at, 0.0, width, 1.0)), label=label, extend="both")
+
+
+def _point(result: PointParts) -> str:
+    return f"ground row {result.ground}, x = {result.x_m * 1e3:.2f} mm"
 
 
 def _extent(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float, float]:

@@ -2,6 +2,8 @@
 
 import importlib.util
 import json
+import re
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +13,7 @@ import pytest
 import xarray
 
 import cgi_wave
+from cgi_wave import mosaic
 from cgi_wave.budget import scenes
 from cgi_wave.budget.setting import band_spectrum
 from cgi_wave.cli.main import status
@@ -138,6 +141,40 @@ def test_scroll_writes_its_pictures_and_a_movie(call, tmp_path):
     assert (tmp_path / "m.gif").read_bytes().startswith(b"GIF89a")
 
 
+def test_an_mp4_goes_through_ffmpeg_and_is_refused_by_name_without_it(call, tmp_path, monkeypatch):
+    """In the place of ffmpeg a program that keeps the raw pictures: all of one size, as many as there are stills."""
+    words = ["scroll", "--scene", "quadrants", "--frames", "40", "--movie", "m.mp4"]
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    code, out, err = call(*words)
+    assert (code, out) == (2, "") and all(word in err for word in ("--movie", "m.mp4", "install ffmpeg", ".gif"))
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "bin").mkdir()
+    program = tmp_path / "bin" / "ffmpeg"
+    keep = "import sys; open(sys.argv[-1], 'wb').write(' '.join(sys.argv).encode() + b'|' + sys.stdin.buffer.read())"
+    program.write_text(f"#!{sys.executable}\n{keep}\n")
+    program.chmod(0o755)
+    code, _, err = call(*words)
+    assert code == 0, err
+    said, _, pictures = (tmp_path / "m.mp4").read_bytes().partition(b"|")
+    width, height = map(int, re.search(rb"-s (\d+)x(\d+)", said).groups())
+    assert width % 2 == height % 2 == 0  # what H.264 can code
+    assert len(pictures) == 24 * width * height * 4
+
+
+def test_bits_and_full_well_limit_what_is_recorded(call, tmp_path):
+    """Counts are whole steps of the full well; light beyond it is cut off, and pixels counted."""
+    words = ["--scene", "uniform", "--frames", "40", "--noise", "1e5", "--shot", "none", "--full-well", "4e4", "--json"]
+    code, out, err = call("scroll", *words, "--bits", "6", "--frames-out", "frames.nc")
+    assert code == 0, err
+    with xarray.open_dataset(tmp_path / "frames.nc", engine="h5netcdf") as data:
+        counts = data.frames.to_numpy().astype(float) * 1e5 / (4e4 / 63)
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-4)
+    assert counts.max() == pytest.approx(63.0, rel=1e-6)
+    figures = json.loads(out)
+    assert 0 < figures["saturated"] <= int((np.rint(counts) == 63).sum())  # the last step begins half of it earlier
+    assert json.loads(call("scroll", *words, "--bits", "16")[1])["saturated"] == figures["saturated"]
+
+
 def test_parts_of_a_point_are_those_of_its_frames(call, tmp_path):
     """Nominal and parasitic part, pixel by pixel, as the frames have them; families add up to what ghosts add."""
     found = cgi_wave.scroll("NIR", "quadrants", 40, field=call.field)
@@ -171,7 +208,11 @@ def test_parts_of_a_point_are_those_of_its_frames(call, tmp_path):
         (["scroll", "--step", "-1"], ["step", "-1.0"]),
         (["scroll", "--attitude", "3"], ["--attitude", "0.3,120"]),
         (["scroll", "--read", "3"], ["--read", "--noise"]),
-        (["scroll", "--movie", "movie.mp4"], ["--movie", ".gif"]),
+        (["scroll", "--movie", "movie.avi"], ["--movie", "movie.avi", ".gif", ".mp4"]),
+        (["scroll", "--bits", "12"], ["--bits", "12", "--noise"]),
+        (["scroll", "--full-well", "1e5"], ["--full-well", "--noise"]),
+        (["scroll", "--noise", "1e5", "--bits", "12"], ["bits", "12", "full well"]),
+        (["scroll", "--noise", "1e5", "--full-well", "-3"], ["full_well", "-3.0"]),
         (["scroll", "--frames-out", "frames.npy"], ["--frames-out", ".nc"]),
     ],
 )
@@ -184,6 +225,73 @@ def test_what_cannot_be_done_is_refused_by_name_and_leaves_nothing(call, tmp_pat
     assert (code, out) == (2, ""), err
     assert all(word in err for word in said), err
     assert set(tmp_path.iterdir()) == before
+
+
+@pytest.fixture
+def fields(tmp_path, monkeypatch):
+    """A folder with made-up fields of both bands of one detector, rows apart from each other, and their light."""
+    made = _synthetic()
+    loaded = load_instrument(None)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fields").mkdir()
+    lights = {}
+    for band, rows in (("NIR", (100, 132)), ("VIS", (132, 156))):
+        system = loaded.band(band)
+        made.SIGMA0 = system.sigma0
+        made.BAND = tuple(1.0 / (system.spec.filter.centre_nm * 1e-9 * s) for s in (1.02, 0.98))
+        field = replace(made.michelson(opd=2e-5, rows=rows, columns=(40, 80)), band=band)
+        save_field(field, tmp_path / "fields" / f"{band}.nc", {"instrument_hash": loaded.hash, "tolerance": 1e-3})
+        lights[band] = band_spectrum(system, 0.004)
+    monkeypatch.setattr(scenes, "band_spectrum", lambda system: lights[system.band])
+    zones = {"NIR": (100, 132), "VIS": (132, 156)}
+    monkeypatch.setattr(mosaic, "zone_rows_lit", lambda _, system: (zones[system.band], (None, None)))
+    return tmp_path / "fields"
+
+
+@pytest.mark.parametrize("name", ["VIS,NIR", "detector"])
+def test_a_whole_detector_is_its_zones_side_by_side(fields, capsys, tmp_path, name):
+    """Every band's rows are its own frame over the scene's part there; rows of no band are dark and named as such."""
+    words = ["--scene", "quadrants", "--field", str(fields), "--out", "all.nc", "--pictures", "p", "--json"]
+    assert status(["frame", name, *words]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    with xarray.open_dataset(tmp_path / "all.nc", engine="h5netcdf") as data:
+        assert data.frame.shape == (1024, 1024)
+        band = data.band.to_numpy()
+        assert list(band[[99, 100, 131, 132, 155, 156]]) == ["", "NIR", "NIR", "VIS", "VIS", ""]
+        assert float(np.abs(data.frame[band == ""]).max()) == 0.0
+        np.testing.assert_allclose(data.y_m[[0, 1023]], [-511.5 * 15e-6, 511.5 * 15e-6])
+        whole, bare = data.frame.to_numpy(), data.nominal.to_numpy()
+        assert "another" in data.attrs["absent"]
+    assert figures["rows_of_no_band"] == [[0, 100], [156, 1024]]
+    assert figures["error"] == max(part["error"] for part in figures["bands"].values())
+    for band, rows in (("NIR", slice(100, 132)), ("VIS", slice(132, 156))):
+        # the scene has the detector's columns and the rows of both zones; a zone's part of it is cut out here
+        across = (-512 * 15e-6, 512 * 15e-6, (100 - 512) * 15e-6, (156 - 512) * 15e-6)
+        ground = cgi_wave.band_scene(load_instrument(None).band(band), "quadrants", zone=across)
+        part = replace(ground, maps=ground.maps[:, rows.start - 100 : rows.stop - 100, 40:80])
+        assert (np.ptp(part.maps) > 0.0) == (band == "NIR")  # the bright quadrants begin within its rows
+        own = cgi_wave.frame(band, part, field=load_field(fields / f"{band}.nc"))
+        np.testing.assert_allclose(bare[rows, 40:80], own.nominal, atol=1e-12)
+        assert 1e-3 < np.abs(whole[rows, 40:80] - bare[rows, 40:80]).max() < 0.1
+    assert [file.name for file in (tmp_path / "p").iterdir()] == ["detector-frame.png"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["VIS,SWIR2"], ["BAND", "detector", "swir_detector"]),
+        (["VIS,UV"], ["BAND", "UV", "VISNIR", "swir_detector"]),
+        (["VIS,NIR", "--field", "one.nc"], ["--field", "one.nc", "folder"]),
+        (["VIS,NIR", "--scene", "moon"], ["moon", "landsat"]),
+        (["VIS,NIR", "--shift", "-2"], ["shift", "-2.0"]),
+    ],
+)
+def test_what_no_detector_has_is_refused(capsys, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    assert status(["frame", *words, "--out", "x.nc"]) == 2
+    err = capsys.readouterr().err
+    assert all(word in err for word in said), err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_unknown_bands_are_refused(capsys):

@@ -118,3 +118,23 @@ def test_wide_kernels_that_single_precision_does_not_keep_are_transformed_in_dou
     assert (found.method, found.single) == ("fourier", False)
     flat = blur.correlate(np.ones((1, 300, 300), dtype=np.float32), found, kernel, wrap=False)
     np.testing.assert_allclose(flat, 1.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["box", "separable", "direct", "fourier"])
+@pytest.mark.parametrize("wrap", [False, True])
+def test_a_part_is_that_of_a_map_that_goes_on(method, wrap):
+    """Rows and columns beyond the map included, against the whole of a map continued by hand."""
+    rng = np.random.default_rng(5)
+    kernel = np.outer([1.0, 1.0, 1.0], np.ones(5)) if method == "box" else np.outer(rng.random(3), rng.random(5))
+    if method in ("direct", "fourier"):
+        kernel = rng.random((3, 5))
+    kernel /= kernel.sum()
+    ways = {"box": blur._box, "separable": blur._separable, "direct": blur._direct}
+    how = ways[method](kernel) if method in ways else blur._fourier(kernel, 300, False)
+    maps = rng.random((2, 20, 15))
+    rows, columns = ((0, 20) if wrap else (-6, 27)), (-4, 9)
+    tall = maps if wrap else np.pad(maps, ((0, 0), (10, 10), (0, 0)), mode="edge")
+    whole = blur.correlate(np.pad(tall, ((0, 0), (0, 0), (10, 10)), mode="edge"), how, kernel, wrap)
+    top = 0 if wrap else 10
+    expected = whole[:, rows[0] + top : rows[1] + top, columns[0] + 10 : columns[1] + 10]
+    np.testing.assert_allclose(blur.part(maps, how, kernel, wrap, rows, columns), expected, atol=1e-13)

@@ -49,3 +49,11 @@ def test_refusals():
             Detector(*values)
     with pytest.raises(InputError, match="negative irradiance"):
         Detector(1e3).record(np.array([[-0.1]]), 0, 0)
+
+
+@pytest.mark.parametrize("shot", ["poisson", "gaussian"])
+def test_what_convolutions_leave_below_zero_counts_as_dark(shot):
+    frame = np.array([[1.0, 0.5, -3e-5, -1e-17]])
+    out, _ = Detector(1e4, shot=shot).record(frame, 0, 0)
+    np.testing.assert_array_equal(out[0, 2:], 0.0)
+    assert frame[0, 2] == -3e-5

@@ -7,6 +7,7 @@ import pytest
 from synthetic_fields import dark_row, michelson, spectrum
 
 from cgi_wave.errors import InputError
+from cgi_wave.fringes.field import MutualKernel, NominalPsf
 from cgi_wave.fringes.field_file import load_field, save_field
 from cgi_wave.fringes.pattern import fringe_patterns
 from cgi_wave.fringes.subfield import with_families
@@ -28,7 +29,14 @@ def test_a_field_comes_back_to_the_bit(tmp_path, shadows):
     field = michelson(shadows=shadows)
     short = field.pairs[2]
     short = replace(short, sigma=short.sigma[:1], gamma=short.gamma[:1], opd_m=short.opd_m[:1], error=1e-7)
-    field = replace(field, pairs=(*field.pairs[:2], short, *field.pairs[3:]), left_out=0.1)
+    kernels = np.random.default_rng(0).random((3, 2, 5, 5))
+    psf = NominalPsf(np.arange(2.0), np.arange(3.0), kernels, np.ones((1, 2)), kernels[:1, 0], 0.01, 0.02)
+    rng = np.random.default_rng(1)
+    pairs = tuple(
+        replace(pair, mutual=MutualKernel(rng.random((3 + 2 * k, 5)) + 1j * rng.random((3 + 2 * k, 5)), k + 1, 0.5))
+        for k, pair in enumerate((*field.pairs[:2], short, *field.pairs[3:]))
+    )
+    field = replace(field, pairs=pairs, left_out=0.1, psf=psf)
     save_field(field, tmp_path / "field.nc", {"instrument_hash": "abc"})
     read = load_field(tmp_path / "field.nc", {"instrument_hash": "abc"})
     assert same(read, field)

@@ -94,3 +94,28 @@ def test_refusals():
         nma_errors(found, replace(found, ground=found.ground + 1))
     with pytest.raises(MethodLimitError, match="no NMA above"):
         nma_errors(replace(found, nma=0.0 * found.nma), found)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_rows_in_dead_zones_take_no_part(seed):
+    """Noise, darkness or anything else in shaded rows inside the window changes no bit of the maps."""
+    z = zone(60, 8, period=PERIOD)
+    lit = np.ones(60, bool)
+    lit[[0, 1, 2, 30, 57, 58, 59]] = False
+    frames = [frame.copy() for frame in stream(prepare([layer(fringes(z))], np.ones((1, 160, 8)), z), motion(75))]
+    clean = retrieve_ground(frames, z.phase, motion(75), lit=lit)
+    rng = np.random.default_rng(seed)
+    for k, frame in enumerate(frames):
+        frame[~lit] = 0.0 if k % 2 else rng.normal(5.0, 9.0, (7, 8))
+    dirty = retrieve_ground(frames, z.phase, motion(75), lit=lit)
+    for name in ("baseline", "modulation", "nma", "phase"):
+        np.testing.assert_array_equal(getattr(dirty, name), getattr(clean, name))
+    np.testing.assert_allclose(clean.nma, 0.4, rtol=1e-5)
+    assert clean.window == 53 and set(window(z.phase, lit=lit).rows) == set(np.flatnonzero(lit))
+    spoilt = retrieve_ground(frames, z.phase, motion(75))
+    assert np.abs(spoilt.nma - 0.4).max() > 1e-2
+
+
+def test_a_zone_all_in_shadow_is_refused():
+    with pytest.raises(MethodLimitError, match="outside dead zones"):
+        window(zone(60, 4, period=PERIOD).phase, lit=np.zeros(60, bool))
