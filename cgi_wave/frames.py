@@ -17,7 +17,7 @@ from cgi_wave.budget.scenes import NAMES, band_scene
 from cgi_wave.budget.setting import filter_of
 from cgi_wave.errors import InputError
 from cgi_wave.fields import fringe_field
-from cgi_wave.fringes.beams_on_scene import Beams, LayerPlan, prepare
+from cgi_wave.fringes.beams_on_scene import Beams, LayerPlan
 from cgi_wave.fringes.edge import edge_error
 from cgi_wave.fringes.field import FringeField, Shadow, at_sigma
 from cgi_wave.fringes.field_file import load_field, save_field
@@ -25,6 +25,7 @@ from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.mutual_error import mutual_error
 from cgi_wave.fringes.nominal_image import NominalImage, nominal_image
 from cgi_wave.fringes.pattern import Layer, fringe_patterns
+from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.subfield import with_families
 from cgi_wave.optics.system import Instrument, OpticalSystem, load_instrument
 from cgi_wave.scene.filters import Filter

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError
 from cgi_wave.frames import IMAGES, Ready, zone_on
 from cgi_wave.fringes import chebyshev
-from cgi_wave.fringes.beams_on_scene import Beams, prepare
+from cgi_wave.fringes.beams_on_scene import Beams
 from cgi_wave.fringes.field import FieldPair, FringeField
 from cgi_wave.fringes.pattern import Layer, fringe_patterns
+from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.scroll import Motion
 from cgi_wave.fringes.subfield import with_families
 

@@ -22,12 +22,13 @@ import numpy as np
 
 from cgi_wave.fields import fringe_field
 from cgi_wave.frames import Stopwatch, ready_for
-from cgi_wave.fringes.beams_on_scene import Beams, prepare
+from cgi_wave.fringes.beams_on_scene import Beams
 from cgi_wave.fringes.field import FringeField, SceneView
 from cgi_wave.fringes.field_file import load_field
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.maps import GroundFit, Window, window
 from cgi_wave.fringes.pattern import Layer
+from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.scroll import give_back, motion, stream
 from cgi_wave.optics.system import load_instrument
 

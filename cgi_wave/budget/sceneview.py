@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from cgi_wave.fringes.field import SceneView
 from cgi_wave.rays.beams import Rays
@@ -15,6 +16,8 @@ from cgi_wave.rays.disc import disc, fitted, monomials, on_disc
 Array = NDArray[np.float64]
 #: Points of the pupil that make a kernel, and the degree of the polynomials that carry rays to them.
 DENSE, DEGREE = 20_000, 6
+#: Width, in distances of rays, over which each ray of a wide blur is spread.
+FILL = 4.0
 #: Radius of a blur, in pixels, below which it is none; widest kernel, pixels.
 SHARP, WIDEST = 0.3, 4097
 
@@ -113,11 +116,22 @@ class _Image:
 
 
 def _kernel(place: Array, weight: Array, pixel: float) -> Array:
-    """(H, W) share of the light per pixel about the mean place, [Y, X]; 1 × 1 if within SHARP pixels, rms."""
+    """(H, W) share of the light per pixel about the mean place, [Y, X]; 1 × 1 if within SHARP pixels, rms.
+
+    Each ray stands for a square as wide as FILL times the distance to its neighbours (from the area of a uniform disc
+    of this covariance), or for its pixel if that is wider: else a wide blur would be a handful of spikes.
+    """
     apart = (place - weight @ place) / pixel
-    if np.sqrt((weight @ apart**2).sum()) < SHARP:
+    covariance = (apart * weight[:, None]).T @ apart
+    if np.sqrt(np.trace(covariance)) < SHARP:
         return np.ones((1, 1))
-    half = np.minimum(np.ceil(np.abs(apart).max(axis=0)).astype(int) + 1, WIDEST // 2)
+    area = 4.0 * np.pi * np.sqrt(max(float(np.linalg.det(covariance)), 0.0))
+    reach = round(0.5 * FILL * np.sqrt(area / len(weight)))
+    half = np.minimum(np.ceil(np.abs(apart).max(axis=0)).astype(int) + 1 + reach, WIDEST // 2)
     edges = [np.arange(-h, h + 2) - 0.5 for h in half]
     found, _, _ = np.histogram2d(apart[:, 1], apart[:, 0], bins=(edges[1], edges[0]), weights=weight)
+    if reach:
+        # Twice a box: a triangle, under which an even lattice of rays is even.
+        for _ in range(2):
+            found = uniform_filter(found, reach + 1 - reach % 2, mode="constant")
     return np.asarray(found / found.sum())

@@ -8,7 +8,7 @@ import pytest
 from scroll_cases import PITCH, SHARP, fringes, gaussian, layer, scene, slow_image, zone
 
 from cgi_wave.errors import InputError
-from cgi_wave.fringes.beams_on_scene import prepare
+from cgi_wave.fringes.preparation import prepare
 
 FLIP = [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
 

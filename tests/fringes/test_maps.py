@@ -7,9 +7,9 @@ import pytest
 from scroll_cases import fringes, gaussian, layer, zone
 
 from cgi_wave.errors import InputError, MethodLimitError
-from cgi_wave.fringes.beams_on_scene import prepare
 from cgi_wave.fringes.detector import Detector
 from cgi_wave.fringes.maps import albedo_contrast, bias_by_contrast, nma_errors, retrieve_ground, window
+from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.scroll import motion, stream
 
 PERIOD = 12.0

@@ -7,11 +7,11 @@ import pytest
 from scroll_cases import PITCH, fringes, gaussian, layer, scene, zone
 
 from cgi_wave.fringes import chebyshev
-from cgi_wave.fringes.beams_on_scene import prepare
 from cgi_wave.fringes.edge import edge_error, weight_beyond
 from cgi_wave.fringes.field import NominalPsf
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.nominal_image import nominal_image
+from cgi_wave.fringes.preparation import prepare
 
 ROWS, COLUMNS, PAD = 24, 20, 9
 

@@ -6,9 +6,9 @@ from fringe_scenes import PITCH, SIGMA0, amplitudes, coherency, pair, retro_fami
 from scroll_cases import layer, scene, zone
 
 from cgi_wave.errors import InputError
-from cgi_wave.fringes.beams_on_scene import prepare
 from cgi_wave.fringes.maps import retrieve_ground
 from cgi_wave.fringes.nma import retrieve
+from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.psi import synthesise
 from cgi_wave.fringes.scroll import motion, regrouped, stream
 

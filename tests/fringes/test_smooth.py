@@ -9,7 +9,8 @@ from scroll_cases import fringes, gaussian, layer, scene, zone
 
 from cgi_wave.errors import InputError
 from cgi_wave.fringes import smooth
-from cgi_wave.fringes.beams_on_scene import Beams, Sharp, _Candidate, _gather, prepare
+from cgi_wave.fringes.beams_on_scene import Beams, Sharp
+from cgi_wave.fringes.preparation import _Candidate, _gather, prepare
 
 
 def candidate(rng, where, kinds, dark, size, modes):

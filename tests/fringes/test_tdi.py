@@ -5,7 +5,7 @@ import pytest
 from scroll_cases import fringes, layer, scene, zone
 
 from cgi_wave.errors import InputError, MethodLimitError
-from cgi_wave.fringes.beams_on_scene import prepare
+from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.scroll import motion, stream
 from cgi_wave.fringes.tdi import accumulate, plan_tdi, tdi_contrast
 
