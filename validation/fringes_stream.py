@@ -1,6 +1,6 @@
 """Figures of streaming: share of the memory bandwidth, memory per pixel at any length, time of a long scroll.
 
-uv run python -m validation.fringes_stream [--json]
+uv run python -m validation.fringes_stream [--json] [--field FILE.nc]
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cgi_wave.fields import fringe_field
 from cgi_wave.frames import Stopwatch, ready_for
@@ -34,6 +35,8 @@ from cgi_wave.optics.system import load_instrument
 
 SIZE, PITCH, GHOSTS = 1024, 15e-6, 20
 FRAMES = (200, 2000)
+#: Frames' sizes in an array that no cache holds.
+BEYOND_CACHE = 16
 REAL_FRAMES = 600  # of the real scene, after which they are gone through again
 NO_ERRORS = dict.fromkeys([field.name for field in fields(Layer)][3:], 0.0)
 
@@ -70,8 +73,10 @@ def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -
 def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch: int = 4) -> dict[str, Any]:
     """Frames against out = a·b over arrays of a frame's size, two threads each, in turns; the best of each counts.
 
-    Both are counted as two arrays read and one written. With synthetic ghosts, and over the embedded scene with those
-    of a real field, if given. Batches are short, so that the best of them had the machine for itself.
+    Both are counted as two arrays read and one written. Arrays of a frame's size lie in the processor's cache, as those
+    of a frame do in part; beside them stands the same over arrays BEYOND_CACHE times as large, per frame's size. With
+    synthetic ghosts, and over the embedded scene with those of a real field, if given. Batches are short, so that the
+    best of them had the machine for itself.
     """
     found: dict[str, Any] = {"load_average": os.getloadavg()[0]}
     made = {
@@ -85,6 +90,7 @@ def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch:
     found |= _turns(made, repeats, batch)
     for name, share in (("ghosts", ""), ("no_ghosts", "_no_ghosts"), ("ghosts_fraction_of_a_row", "_part_rows")):
         found[f"stream_fraction{share}"] = found["multiply_ms"] / found[f"{name}_ms"]
+        found[f"stream_fraction_of_memory{share}"] = found["multiply_in_memory_ms"] / found[f"{name}_ms"]
     if field is not None:
         beams = _real(field)
         ways = Counter(f"{plan.way} {plan.pitch}" for plan in beams.plans)
@@ -106,13 +112,16 @@ def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> di
     shape = next(iter(made.values()))[0].zone.shape
     a, b, out = (np.random.default_rng(n).random(shape, dtype=np.float32) for n in range(3))
     half = shape[0] // 2
-    spans = (slice(0, half), slice(half, shape[0]))
+    spans = (slice(0, half), slice(half, None))
     with ThreadPoolExecutor(2) as pool:
 
-        def multiply(_: int) -> None:
-            list(pool.map(lambda rows: np.multiply(a[rows], b[rows], out=out[rows]), spans))
+        def multiply(arrays: Sequence[NDArray[np.float32]]) -> None:
+            first, last = ([array[rows] for array in arrays] for rows in spans)
+            other = pool.submit(lambda: np.multiply(*last))
+            np.multiply(*first)
+            other.result()
 
-        runs: dict[str, Callable[[int], object]] = {"multiply": multiply}
+        runs: dict[str, Callable[[int], object]] = {"multiply": lambda _: multiply((a, b, out))}
         for name, (beams, step) in made.items():
             runs[name] = lambda k, beams=beams, step=step: beams.frame(step * (k % REAL_FRAMES), out, pool)
         best = dict.fromkeys(runs, np.inf)
@@ -124,6 +133,13 @@ def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> di
                 for k in range(turn * batch, (turn + 1) * batch):
                     run(k)
                 best[name] = min(best[name], (time.perf_counter() - started) / batch)
+        large = [np.tile(array, (BEYOND_CACHE, 1)) for array in (a, b, out)]
+        spans = (slice(0, half * BEYOND_CACHE), slice(half * BEYOND_CACHE, None))
+        best["multiply_in_memory"] = np.inf
+        for _ in range(20):
+            started = time.perf_counter()
+            multiply(large)
+            best["multiply_in_memory"] = min(best["multiply_in_memory"], (time.perf_counter() - started) / BEYOND_CACHE)
     found = {f"{name}_ms": 1e3 * seconds for name, seconds in best.items()}
     return found | {f"{name}_gb_s": 3 * a.nbytes / seconds / 1e9 for name, seconds in best.items()}
 

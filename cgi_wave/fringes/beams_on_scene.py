@@ -132,11 +132,11 @@ class Beams:
                 kernels.warped_rows(out, turned.pattern, turned.image, turned.x, turned.y, shift, self.wrap,
                                     turned.taps, first, last)  # fmt: skip
 
-        if pool is None or len(spans) == 1:
-            for part in range(len(spans)):
-                work(part)
-        else:
-            list(pool.map(work, range(len(spans))))
+        # The caller is one of the two: waking a thread takes as long as a tenth of a frame.
+        other = pool.submit(work, 1) if pool is not None and len(spans) > 1 else None
+        work(0)
+        if other is not None:
+            other.result()
         return out
 
     def ready(self, shift: float) -> None:
