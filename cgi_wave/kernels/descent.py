@@ -39,8 +39,21 @@ def _direct(lo, hi, fl, al, bl, wl, zero, ws):
     exp(i 2π r) by the half angle: sine and cosine of π r, |r| <= 1/2, from their Taylor series to rounding, so that
     the loop has no branch and no library call and vectorises. ws (rows, 64): working space.
     """
-    x, phi, a, b = ws[0], ws[1], ws[2], ws[3]
     middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
+    if fl.shape[0] == 5 and al.shape[0] == 2 and wl.shape[0] == 0:
+        # Seidel's phase and even pupils: all in registers, in a third of the time.
+        c0, c1, c2, c3, c4 = fl[0] - zero, fl[1], fl[2], fl[3], fl[4]
+        a0, a1, b0, b1 = al[0], al[1], bl[0], bl[1]
+        re, im = 0.0, 0.0
+        for i in range(GAUSS):
+            at = middle + half * X16[i]
+            turn = (((c4 * at + c3) * at + c2) * at + c1) * at + c0
+            sine, cosine = half_turn((turn - math.floor(turn + 0.5)) * math.pi)
+            ab = (a1 * at + a0) * (b1 * at + b0) * W16[i]
+            re += ab * (1.0 - 2.0 * sine * sine)
+            im += ab * 2.0 * sine * cosine
+        return re * half, im * half, 0.0, 0.0
+    x, phi, a, b = ws[0], ws[1], ws[2], ws[3]
     for i in range(GAUSS):
         x[i], phi[i], a[i], b[i] = middle + half * X16[i], 0.0, 0.0, 0.0
     for k in range(fl.shape[0] - 1, -1, -1):
@@ -148,6 +161,26 @@ def _newton(c, target, count, ur, ui, sr, si, vr, vi):
 
     sr, si: the derivative before the step.
     """
+    if c.shape[0] == 5:  # Seidel's phase: in registers
+        c1, c2, c3, c4 = c[1], c[2], c[3], c[4]
+        largest = 0.0
+        for j in range(count):
+            x, y = ur[j], ui[j]
+            # value/u and derivative: ((c4 u + c3) u + c2) u + c1, ((4 c4 u + 3 c3) u + 2 c2) u + c1
+            ar, ai = c4 * x + c3, c4 * y
+            br, bi = ar * x - ai * y + c2, ar * y + ai * x
+            ar, ai = br * x - bi * y + c1, br * y + bi * x
+            dr, di = 4.0 * c4 * x + 3.0 * c3, 4.0 * c4 * y
+            br, bi = dr * x - di * y + 2.0 * c2, dr * y + di * x
+            dr, di = br * x - bi * y + c1, br * y + bi * x
+            sr[j], si[j] = dr, di
+            a, b = ar * x - ai * y, ar * y + ai * x - target[j]
+            size = dr * dr + di * di
+            dx, dy = (a * dr + b * di) / size, (b * dr - a * di) / size
+            ur[j] = x - dx
+            ui[j] = y - dy
+            largest = max(largest, (dx * dx + dy * dy) / (x * x + y * y))
+        return math.sqrt(largest)
     for j in range(count):
         vr[j], vi[j], sr[j], si[j] = 0.0, 0.0, 0.0, 0.0
     for k in range(c.shape[0] - 1, 0, -1):
