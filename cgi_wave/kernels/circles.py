@@ -76,7 +76,7 @@ def circle_region(circles, signs, out):
                 if nearest > clearest:
                     inside, clearest = within, nearest
             if inside:
-                pieces = max(1, math.ceil((a1 - a0) / 1.27))
+                pieces = max(1, math.ceil((a1 - a0) / 1.06))
                 if total + pieces > out.shape[0]:
                     return -1
                 if signs[i] > 0.0:

@@ -24,7 +24,7 @@ from cgi_wave.kernels.polynomials import along_ray, horner, restrict, slope_at
 from cgi_wave.kernels.turns import FAST, half_turn
 
 CYCLES = 3.0  # phase per Gauss panel
-SPAN_CYCLES = 2.0  # the same across the area, where the phase is less even
+SPAN_CYCLES = 1.75  # the same across the area, where the phase is less even
 PIECES = 600  # pieces of one boundary panel before another mode, or a smaller box, is tried
 DEPTH = 26  # halvings of a boundary panel
 OK, DEEP, CROWDED = 0, 1, 2
