@@ -127,7 +127,7 @@ def _plain(m: Map) -> dict[str, Any]:
         m.x_name: list(m.x),
         m.y_name: list(m.y),
         "relative_error": [[None if np.isnan(v) else float(v) for v in row] for row in m.error],
-        "laws": {name: [float(v) for v in border] for name, border in m.laws.items()},
+        "laws": {name: [float(v) if np.isfinite(v) else None for v in border] for name, border in m.laws.items()},
         "agreement": m.agreement,
     }
 
