@@ -33,7 +33,7 @@ from cgi_wave.wave.methods.matrix import ChirpZ, MatrixFourier  # noqa: E402
 from cgi_wave.wave.methods.nufft import Nufft  # noqa: E402
 from cgi_wave.wave.methods.propagation import Fresnel  # noqa: E402
 from validation.failures_maps import EXPECTED, Map, all_maps  # noqa: E402
-from validation.study_page import save_figure, table, write_page  # noqa: E402
+from validation.study_page import finite, save_figure, table, write_page  # noqa: E402
 
 
 def imitations() -> list[dict[str, float]]:
@@ -173,7 +173,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.out, options.cases)
     if options.json:
-        print(to_json(found))
+        print(to_json(finite(found)))
         return
     print(table(found["guarded"]))
     print(table(found["imitations"]))

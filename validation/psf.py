@@ -37,7 +37,7 @@ from cgi_wave.wave.methods.patch import Patch  # noqa: E402
 from cgi_wave.wave.methods.propagation import choose_plane, to_detector  # noqa: E402
 from cgi_wave.wave.methods.shape import beam_at, edge_of  # noqa: E402
 from validation.psf_peers import CENTRED, PAD, POINTS, N, available  # noqa: E402
-from validation.study_page import save_figure, table, write_page  # noqa: E402
+from validation.study_page import finite, save_figure, table, write_page  # noqa: E402
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -261,7 +261,7 @@ def main() -> None:
     options = parser.parse_args()
     found = study(options.out, options.listings)
     if options.json:
-        print(to_json(found))
+        print(to_json(finite(found)))
         return
     print(table(found["closed_forms"]))
     print(table(found["speed"]))
