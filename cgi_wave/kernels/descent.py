@@ -41,7 +41,7 @@ def _direct(lo, hi, fl, al, bl, wl, zero, ws):
     """
     middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
     if fl.shape[0] == 5 and al.shape[0] == 2 and wl.shape[0] == 0:
-        # Seidel's phase and even pupils: all in registers, in a third of the time.
+        # Seidel's phase and even pupils: all in registers, in three fifths of the time.
         c0, c1, c2, c3, c4 = fl[0] - zero, fl[1], fl[2], fl[3], fl[4]
         a0, a1, b0, b1 = al[0], al[1], bl[0], bl[1]
         re, im = 0.0, 0.0

@@ -269,7 +269,7 @@ def share_out(part: Callable[[int, int], None], count: int, threads: int) -> Non
         return
     with ThreadPoolExecutor(threads - 1) as pool:
         others = [pool.submit(work) for _ in range(threads - 1)]
-        work()  # the caller is one of them: it would wait, and starting a thread takes as long as 5000 ray surfaces
+        work()  # the caller is one of them: it would wait, and starting a thread takes as long as 20 000 ray surfaces
         for done in others:
             done.result()
 

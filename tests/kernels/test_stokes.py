@@ -158,6 +158,18 @@ def test_amplitudes_and_a_further_factor():
     assert found.weighted == pytest.approx(further, abs=1e-8)
 
 
+@pytest.mark.parametrize("waves", [3.0, 12.0, 300.0])
+def test_a_phase_of_higher_degree_takes_the_general_loops_to_the_same_value(waves):
+    # phases of degree four have loops of their own; zeros beyond turn to those for all degrees
+    pair = HopkinsPair(waves, 0.1 * waves, -0.07 * waves, 0.05 * waves, shift_x=0.3, shift_y=-0.2, obscuration=0.3)
+    curves = circles((0.0, 0.0, 1.0, 1.0), (0.0, 0.0, 0.3, -1.0), (0.3, -0.2, 1.0, 1.0), (0.3, -0.2, 0.3, -1.0))
+    centred = affine(pair.powers(), -0.3, 0.2, 1.0, 0.0, 0.0, 1.0)
+    longer = np.zeros((7, 7))
+    longer[: len(centred), : len(centred)] = centred
+    few, many = (boundary_integral(curves, phase, ONE, ONE, NONE, 1e-10) for phase in (centred, longer))
+    assert abs(few.value - many.value) <= min(few.error, many.error)
+
+
 def test_cutting_a_region_keeps_its_area():
     region = circles((0, 0, 1, 1), (0.3, 0.1, 1, 1), (0, 0, 0.3, -1))
 
