@@ -125,13 +125,18 @@ def frame(
 
     Raises InputError, EmptyBeamError, MethodLimitError.
     """
-    if not (np.isfinite(shift) and shift >= 0.0):
-        raise InputError("frame", "shift", shift, "is out of range", "give rows, 0 or more")
+    check_shift(shift)
     watch = Stopwatch()
     loaded = load_instrument(instrument)
     traced = field_of(loaded, band, instrument, tolerance, field, scene, shift, progress)
     watch.lap("field")
     return framed(loaded, traced, scene, shift, ghosts, progress, watch)
+
+
+def check_shift(shift: float) -> None:
+    """Refuse rows that the ground cannot have moved by. Raises InputError."""
+    if not (np.isfinite(shift) and shift >= 0.0):
+        raise InputError("frame", "shift", shift, "is out of range", "give rows, 0 or more")
 
 
 def framed(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fringefield import zone_of, zone_rows_lit
 from cgi_wave.errors import InputError
-from cgi_wave.frames import Frame, Progress, Stopwatch, ZoneEdges, field_of, framed, place_scene
+from cgi_wave.frames import Frame, Progress, Stopwatch, ZoneEdges, check_shift, field_of, framed, place_scene
 from cgi_wave.fringes.field import FringeField
 from cgi_wave.optics.system import Instrument, load_instrument
 
@@ -94,8 +94,7 @@ def detector_frame(
 
     Raises InputError, EmptyBeamError, MethodLimitError.
     """
-    if not (np.isfinite(shift) and shift >= 0.0):
-        raise InputError("frame", "shift", shift, "is out of range", "give rows, 0 or more")
+    check_shift(shift)
     loaded = load_instrument(instrument)
     named = bands_of(loaded, bands if isinstance(bands, str) else ",".join(bands))
     across = _across(loaded, named)

@@ -23,10 +23,13 @@ from cgi_wave.cli.shared import (
 from cgi_wave.errors import InputError
 
 if TYPE_CHECKING:
+    from cgi_wave.frames import Frame
     from cgi_wave.fringes.detector import Detector
+    from cgi_wave.mosaic import DetectorFrame
     from cgi_wave.scrolling import Scrolled
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Found = TypeVar("Found", "Frame", "DetectorFrame")
 
 
 def _scene_options(function: Command) -> Command:
@@ -71,22 +74,13 @@ def frame(
     band = bands[0]
     options = {"band": band, "scene": scene, "shift": shift, "ghosts": not no_ghosts, "field": field,
                "tolerance": tolerance, "instrument": instrument}  # fmt: skip
-    if out:
-        frame_file.check_netcdf(out, "--out")
-    with ExitStack() as stack:
-        target = stack.enter_context(output.whole_file(out)) if out else None
-        folder = stack.enter_context(output.whole_folder(pictures, "--pictures")) if pictures else None
-        with computing():
-            from cgi_wave import frames
 
-            found = frames.frame(band, scene, instrument, tolerance, shift, not no_ghosts, field, progress)
-            made = output.provenance(found.instrument_name, found.instrument_hash, options)
-            if target:
-                frame_file.write_frame(target, found, made)
-            if folder:
-                from cgi_wave.report import frame_plots
+    def compute() -> Frame:
+        from cgi_wave import frames
 
-                _save(folder / f"{band}-frame.png", frame_plots.plot_frame, found)
+        return frames.frame(band, scene, instrument, tolerance, shift, not no_ghosts, field, progress)
+
+    found, made = _produced(compute, frame_file.write_frame, "band", "plot_frame", options, out, pictures)
     figures = frame_file.frame_figures(found)
     if as_json:
         click.echo(output.to_json({**figures, "out": out, "provenance": made}))
@@ -103,6 +97,30 @@ def frame(
     )
 
 
+def _produced(
+    compute: Callable[[], Found], write: Callable[[Path, Found, dict[str, Any]], None], of: str, plot: str,
+    options: dict[str, Any], out: str | None, pictures: str | None,
+) -> tuple[Found, dict[str, Any]]:  # fmt: skip
+    """A frame and its provenance, written and drawn; of: the attribute that names it, plot: function that draws it."""
+    from cgi_wave.report import frame_file, output
+
+    if out:
+        frame_file.check_netcdf(out, "--out")
+    with ExitStack() as stack:
+        target = stack.enter_context(output.whole_file(out)) if out else None
+        folder = stack.enter_context(output.whole_folder(pictures, "--pictures")) if pictures else None
+        with computing():
+            found = compute()
+            made = output.provenance(found.instrument_name, found.instrument_hash, options)
+            if target:
+                write(target, found, made)
+            if folder:
+                from cgi_wave.report import frame_plots
+
+                _save(folder / f"{getattr(found, of)}-frame.png", getattr(frame_plots, plot), found)
+    return found, made
+
+
 def _detector_frame(
     bands: tuple[str, ...], shift: float, no_ghosts: bool, out: str | None, scene: str, field: str | None,
     pictures: str | None, tolerance: float, instrument: str | None, as_json: bool,
@@ -112,26 +130,17 @@ def _detector_frame(
 
     options = {"bands": bands, "scene": scene, "shift": shift, "ghosts": not no_ghosts, "field": field,
                "tolerance": tolerance, "instrument": instrument}  # fmt: skip
-    if out:
-        frame_file.check_netcdf(out, "--out")
     if field and not Path(field).is_dir():
         raise InputError("command line", "--field", field, f"is no folder for the fields of {len(bands)} bands",
                          "create a folder and name it; each band has a file in it")  # fmt: skip
     fields = {band: Path(field) / f"{band}.nc" for band in bands} if field else {}
-    with ExitStack() as stack:
-        target = stack.enter_context(output.whole_file(out)) if out else None
-        folder = stack.enter_context(output.whole_folder(pictures, "--pictures")) if pictures else None
-        with computing():
-            from cgi_wave import mosaic
 
-            found = mosaic.detector_frame(bands, scene, instrument, tolerance, shift, not no_ghosts, fields, progress)
-            made = output.provenance(found.instrument_name, found.instrument_hash, options)
-            if target:
-                frame_file.write_detector(target, found, made)
-            if folder:
-                from cgi_wave.report import frame_plots
+    def compute() -> DetectorFrame:
+        from cgi_wave import mosaic
 
-                _save(folder / f"{found.detector}-frame.png", frame_plots.plot_detector, found)
+        return mosaic.detector_frame(bands, scene, instrument, tolerance, shift, not no_ghosts, fields, progress)
+
+    found, made = _produced(compute, frame_file.write_detector, "detector", "plot_detector", options, out, pictures)
     figures = frame_file.detector_figures(found)
     if as_json:
         click.echo(output.to_json({**figures, "out": out, "provenance": made}))
