@@ -134,4 +134,5 @@ def _kernel(place: Array, weight: Array, pixel: float) -> Array:
         # Twice a box: a triangle, under which an even lattice of rays is even.
         for _ in range(2):
             found = uniform_filter(found, reach + 1 - reach % 2, mode="constant")
-    return np.asarray(found / found.sum())
+    # Single precision is more than so many rays are worth, and a file holds twice as many kernels.
+    return np.asarray((found / found.sum()).astype(np.float32), np.float64)

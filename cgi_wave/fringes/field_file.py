@@ -104,7 +104,7 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     try:
         large = ("gamma_re", "gamma_im", "opd", "kernel", "psf", "psf_check_kernel")
-        packed = {name: {"zlib": True, "complevel": 1} for name in large if name in variables}
+        packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in large if name in variables}
         data.to_netcdf(temporary, engine="h5netcdf", encoding=packed)
         os.replace(temporary, path)
     except OSError as error:
