@@ -30,7 +30,7 @@ defocus alike, and their ratio is about w over the nominal RMS:
 
 
 def usable(rows: Sequence[Row]) -> list[Row]:
-    """Ghosts whose |γ| is known to a tenth."""
+    """Ghosts whose |γ| is known to a tenth, and that have an estimate to hold against it."""
     return [row for row in rows if row["gamma"] and row["bound"] <= KNOWN * row["gamma"] and row["estimate"]]
 
 
@@ -82,7 +82,7 @@ def write(out: Path, charts: Sequence[Panel], found: dict[str, Any]) -> None:
         parts += [
             f"### {name}\n",
             f"{figures['ghosts']} ghosts, {figures['without_gamma']} without a |γ|, {figures['not_known']} known to "
-            f"less than a tenth; incoherent overlap left out for {figures['incoherent_left_out']}.\n",
+            f"less than a tenth or without a field for the estimate; incoherent overlap left out for {figures['incoherent_left_out']}.\n",
             _scatter(out, name, rows),
             table(figures["causes"]),
             table(sorted(rows, key=lambda row: -(row["gamma"] or 0.0))),
