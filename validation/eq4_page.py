@@ -82,7 +82,8 @@ def write(out: Path, charts: Sequence[Panel], found: dict[str, Any]) -> None:
         parts += [
             f"### {name}\n",
             f"{figures['ghosts']} ghosts, {figures['without_gamma']} without a |γ|, {figures['not_known']} known to "
-            f"less than a tenth or without a field for the estimate; incoherent overlap left out for {figures['incoherent_left_out']}.\n",
+            "less than a tenth or without a field for the estimate; incoherent overlap left out for "
+            f"{figures['incoherent_left_out']}.\n",
             _scatter(out, name, rows),
             table(figures["causes"]),
             table(sorted(rows, key=lambda row: -(row["gamma"] or 0.0))),
