@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.polynomials import horner
+from cgi_wave.kernels.polynomials import JIT, horner
 
 GAUSS = 16
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
@@ -28,10 +28,11 @@ for _k in range(GAUSS):
     _TO_POWER[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
 _TIE = 1e-12  # two boundaries closer than this (frame units) are the same boundary; what lies between them is counted
 _CLOSE = 0.05  # share of its own curvature below which a gap between boundaries is followed to its least width
+_SHARP = 1e-13  # rad to which a corner's angle is found: what _TIE leaves of it
 MAX_INTERVALS = 8
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def chebyshev_powers(shift, stretch, n):
     """(n, n) matrix of T_i(shift + stretch t) in powers of t."""
     rows = np.zeros((n, n))
@@ -47,7 +48,7 @@ def chebyshev_powers(shift, stretch, n):
     return rows
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def restrict(coef, theta, out):
     """Univariate coefficients (P, n) of (P, n, n) polynomials along the ray at angle theta."""
     n = coef.shape[1]
@@ -65,10 +66,13 @@ def restrict(coef, theta, out):
             out[p, k] = value
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _root_between(f, m, x0, x1, f0):
-    """Root of the polynomial f[:m] in (x0, x1), where its sign changes once: Newton kept inside the bracket."""
-    lo, hi, negative_lo = x0, x1, f0 < 0.0
+    """Root of the polynomial f[:m] in (x0, x1), where its sign changes once: Newton kept inside the bracket.
+
+    Ends where the error left by a step, which falls as the step's square, is rounding, or where steps stop to shrink.
+    """
+    lo, hi, negative_lo, before = x0, x1, f0 < 0.0, x1 - x0
     x = 0.5 * (lo + hi)
     for _ in range(80):
         value, slope = 0.0, 0.0
@@ -82,22 +86,48 @@ def _root_between(f, m, x0, x1, f0):
         else:
             hi = x
         step = x - value / slope if slope != 0.0 else lo
-        if not (lo < step < hi):
+        newton = lo < step < hi
+        if not newton:
             step = 0.5 * (lo + hi)
-        if abs(step - x) <= 4e-15 * (x1 + abs(x)):
+        size = abs(step - x)
+        if size <= 4e-15 * (x1 + abs(x)):
             return step
-        x = step
+        if newton and (size**3 <= 1e-16 * before**2 * x1 or (size <= 1e-12 * x1 and size >= 0.5 * before)):
+            return step
+        x, before = step, size
     return x
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
+def _sign_changes(c, n, top):
+    """Roots of the polynomial c[:n + 1] on (0, top) if there are none or one for sure (Descartes' rule), else 2.
+
+    The Bernstein coefficients' changes of sign; one that rounding may have turned decides nothing.
+    """
+    b, power, choose = np.empty(n + 1), 1.0, 1.0
+    for j in range(n + 1):
+        b[j] = c[j] * power / choose
+        power *= top
+        choose *= (n - j) / (j + 1.0)
+    for i in range(n):
+        for k in range(n, i, -1):
+            b[k] += b[k - 1]
+    least, largest, changes = abs(b[0]), abs(b[0]), 0
+    for k in range(1, n + 1):
+        least, largest = min(least, abs(b[k])), max(largest, abs(b[k]))
+        changes += (b[k] < 0.0) != (b[k - 1] < 0.0)
+    return changes if changes < 2 and least > 1e-11 * largest else 2
+
+
+@njit(**JIT)
 def _roots(c, top, out):
     """All sign changes of the polynomial c on (0, top), ascending: between the roots of its derivatives, in turn."""
     n = c.shape[0] - 1
     while n > 1 and c[n] == 0.0:  # most clearances are of low degree, and each degree costs a pass
         n -= 1
-    # Two cases that need no derivatives, and that nearly all rays are: a concave polynomial that starts positive (an
-    # aperture seen from inside), and a monotone one (a straight edge), by bounds of their derivatives on (0, top).
+    # Cases that need no derivatives, and that nearly all rays are: a concave polynomial that starts positive (an
+    # aperture seen from inside), a monotone one (a straight edge), by bounds of their derivatives on (0, top), and
+    # what Descartes' rule decides.
     slope, bend, power = 0.0, 0.0, 1.0
     for k in range(2, n + 1):
         bend += k * (k - 1) * abs(c[k]) * power if k > 2 else 0.0
@@ -107,6 +137,12 @@ def _roots(c, top, out):
     if concave or abs(c[1]) > slope:
         if (c[0] < 0.0) == (horner(c[: n + 1], top) < 0.0):
             return 0
+        out[0] = _root_between(c, n + 1, 0.0, top, c[0])
+        return 1
+    few = _sign_changes(c, n, top)
+    if few == 0:
+        return 0
+    if few == 1:
         out[0] = _root_between(c, n + 1, 0.0, top, c[0])
         return 1
     f = np.empty(n + 1)
@@ -134,7 +170,7 @@ def _roots(c, top, out):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _reach(ellipses, theta):
     """Distance from the origin to the nearest of the domain ellipses (rows: centre x, y, semi-axes x, y)."""
     c, s, reach = math.cos(theta), math.sin(theta), np.inf
@@ -148,7 +184,7 @@ def _reach(ellipses, theta):
     return reach
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _crossings(clear, ellipses, theta, poly, at, owner):
     """Where one ray crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
 
@@ -170,7 +206,7 @@ def _crossings(clear, ellipses, theta, poly, at, owner):
     return found + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _intervals(poly, at, owner, found, ends, which, between):
     """Intervals of one ray inside the region, from its crossings: see ``cast``."""
     between[0] = between[1] = 0.0
@@ -198,7 +234,7 @@ def _intervals(poly, at, owner, found, ends, which, between):
     return intervals
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def cast(clear, ellipses, theta, ends, which, between):
     """Intervals of one ray inside the region: fills ends (I, 2) and which (I, 2), returns their number.
 
@@ -212,7 +248,7 @@ def cast(clear, ellipses, theta, ends, which, between):
     return _intervals(poly, at, owner, found, ends, which, between)
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _code(count, which):
     """A code of a ray's intervals and the clearances that bound them, constant where the boundary is smooth.
 
@@ -224,13 +260,13 @@ def _code(count, which):
     return code
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _signature(clear, ellipses, theta, ends, which, between):
     """``_code`` of the ray at theta."""
     return _code(cast(clear, ellipses, theta, ends, which, between), which)
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _closest(clear, ellipses, lo, hi, j, code, ends, which, between):
     """The angle in (lo, hi) where crossings j and j + 1 of a ray come closest, or where the code is another one.
 
@@ -260,9 +296,9 @@ def _closest(clear, ellipses, lo, hi, j, code, ends, which, between):
     return 0.5 * (lo + hi)
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _scan_rays(clear, ellipses, scan, start, ends, which, between):
-    """Angles (ascending, one turn from start) at which codes are compared: even ones, and close encounters.
+    """Angles (ascending, one turn from start) at which codes are compared: even ones, and close encounters; the codes.
 
     Where two boundaries come close between two rays and part again, they may have crossed twice: the place of closest
     approach, by a parabola through three rays that nearly touches zero and then exactly, is looked at as well.
@@ -273,11 +309,14 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
     poly = np.empty((count_k, n))
     at, owner = np.empty((3, size)), np.empty((3, size), np.int64)
     found = np.zeros(3, np.int64)
-    extra, more = np.empty(4 * scan), 0
+    rays, code, more = np.empty(5 * scan + 1), np.empty(5 * scan + 1, np.int64), scan + 1
     for s in range(-1, scan + 1):
         now, before, first = (s + 1) % 3, s % 3, (s - 1) % 3
         theta = start + s * step
         found[now] = _crossings(clear, ellipses, theta, poly, at[now], owner[now])
+        here = _code(_intervals(poly, at[now], owner[now], found[now], ends, which, between), which)
+        if s >= 0:
+            rays[s], code[s] = theta, here
         if s < 1 or not found[now] == found[before] == found[first]:
             continue
         same = True
@@ -292,18 +331,17 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
             bend = a - 2.0 * b + c
             if not (b <= a and b <= c and bend > 0.0 and owner[now, j] != owner[now, j + 1]):
                 continue
-            if b - (c - a) ** 2 / (8.0 * bend) > _CLOSE * bend or more == extra.size:
+            if b - (c - a) ** 2 / (8.0 * bend) > _CLOSE * bend or more == rays.size:
                 continue
-            count = _intervals(poly, at[now], owner[now], found[now], ends, which, between)
-            place = _closest(clear, ellipses, theta - 2.0 * step, theta, j, _code(count, which), ends, which, between)
+            place = _closest(clear, ellipses, theta - 2.0 * step, theta, j, here, ends, which, between)
             if start < place < start + 2.0 * math.pi:
-                extra[more] = place
+                rays[more], code[more] = place, _signature(clear, ellipses, place, ends, which, between)
                 more += 1
-    even = start + step * np.arange(scan + 1)
-    return np.sort(np.concatenate((even, extra[:more])))
+    order = np.argsort(rays[:more])
+    return rays[order], code[order]
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def find_breaks(clear, ellipses, scan, limit):
     """Angles where the boundary is not smooth, found on `scan` rays and bisected to rounding.
 
@@ -313,15 +351,15 @@ def find_breaks(clear, ellipses, scan, limit):
     ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
     angles, found, between = np.zeros(limit + 1), 0, np.empty(2)
     start = 0.1234  # no ray along an axis, where symmetric pupils have their corners
-    rays = _scan_rays(clear, ellipses, scan, start, ends, which, between)
-    left, code_left = start, _signature(clear, ellipses, start, ends, which, between)
-    for right in rays[1:]:
-        code_right = _signature(clear, ellipses, right, ends, which, between)
+    rays, codes = _scan_rays(clear, ellipses, scan, start, ends, which, between)
+    left, code_left = rays[0], codes[0]
+    for ray in range(1, rays.size):
+        right, code_right = rays[ray], codes[ray]
         while code_left != code_right:
             lo, hi, code_hi = left, right, code_right
             for _ in range(60):
                 mid = 0.5 * (lo + hi)
-                if mid <= lo or mid >= hi:
+                if hi - lo <= _SHARP:
                     break
                 code_mid = _signature(clear, ellipses, mid, ends, which, between)
                 if code_mid == code_left:
@@ -339,7 +377,7 @@ def find_breaks(clear, ellipses, scan, limit):
     return angles[:found].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def warp(t, cornered):
     """Map (0, 1) to itself, with a vanishing slope at both ends when they are corners; returns value and slope.
 
@@ -350,19 +388,19 @@ def warp(t, cornered):
     return t, 1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
     """Boundary of the region within one angle range as smooth curves, the region to their left.
 
-    Returns (curves (C, 2, 16): powers of s in [-1, 1] of x(s) and y(s); missed: largest of the series' last terms and
-    of the gaps between boundaries taken as one, in frame units). Pieces are halved until the series end below
-    tolerance. No curves and missed = inf: more than `limit` curves, or a number of intervals that changes inside the
-    range.
+    Returns (curves (C, 2, 16): powers of s in [-1, 1] of x(s) and y(s); owner (C,): the clearance that is 0 on each,
+    or −2 for a domain; missed: largest of the series' last terms and of the gaps between boundaries taken as one, in
+    frame units). Pieces are halved until the series end below tolerance. No curves and missed = inf: more than `limit`
+    curves, or a number of intervals that changes inside the range.
     """
-    out = np.empty((limit, 2, GAUSS))
+    out, owner = np.empty((limit, 2, GAUSS)), np.empty(limit, np.int64)
     ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
     at = np.empty((GAUSS, MAX_INTERVALS, 2, 2))
-    inner, between = np.empty(MAX_INTERVALS, np.int64), np.empty(2)
+    side, between = np.empty((MAX_INTERVALS, 2), np.int64), np.empty(2)
     pieces = np.empty((64, 2))
     pieces[0, 0], pieces[0, 1] = 0.0, 1.0
     top, found, missed, width = 1, 0, 0.0, span[1] - span[0]
@@ -374,11 +412,11 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
             theta = span[0] + width * warp(t0 + (t1 - t0) * GX[g], cornered)[0]
             here = cast(clear, ellipses, theta, ends, which, between)
             if here < 0 or (count >= 0 and here != count):
-                return out[:0], np.inf
+                return out[:0], owner[:0], np.inf
             count, missed = here, max(missed, between[0])
             for j in range(count):
-                inner[j] = which[j, 0]
                 for e in range(2):
+                    side[j, e] = which[j, e]
                     at[g, j, e, 0], at[g, j, e, 1] = ends[j, e] * math.cos(theta), ends[j, e] * math.sin(theta)
         worst = 0.0
         for j in range(count):
@@ -391,7 +429,7 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
                         worst = max(worst, abs(total))
         if worst > tolerance and t1 - t0 > 1e-3:
             if top + 2 > pieces.shape[0]:
-                return out[:0], np.inf
+                return out[:0], owner[:0], np.inf
             pieces[top, 0], pieces[top, 1] = t0, 0.5 * (t0 + t1)
             pieces[top + 1, 0], pieces[top + 1, 1] = 0.5 * (t0 + t1), t1
             top += 2
@@ -399,10 +437,10 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
         missed = max(missed, worst)
         for j in range(count):
             for e in range(2):
-                if e == 0 and inner[j] == -1:
+                if side[j, e] == -1:
                     continue  # the pivot: a point, not a boundary
                 if found == limit:
-                    return out[:0], np.inf
+                    return out[:0], owner[:0], np.inf
                 for axis in range(2):
                     for k in range(GAUSS):
                         series[axis, k] = 0.0
@@ -414,5 +452,6 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
                             total += _TO_POWER[k, q] * series[axis, q]
                         # outer ends run with growing angle, inner ones against it
                         out[found, axis, k] = total if e == 1 or k % 2 == 0 else -total
+                owner[found] = side[j, e]
                 found += 1
-    return out[:found].copy(), missed
+    return out[:found].copy(), owner[:found].copy(), missed

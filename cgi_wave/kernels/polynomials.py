@@ -8,8 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+#: How loops of the call tree are compiled: a product may be fused with the sum it goes into, nothing else is given up.
+JIT = {"cache": True, "nogil": True, "fastmath": {"contract"}}
 
-@njit(cache=True, nogil=True)
+
+@njit(**JIT)
 def horner(c, x):
     """Value at x of the polynomial with powers c."""
     value = 0.0
@@ -18,7 +21,7 @@ def horner(c, x):
     return value
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def slope_at(c, x):
     """Derivative at x of the polynomial with powers c."""
     value = 0.0
@@ -27,7 +30,7 @@ def slope_at(c, x):
     return value
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def taylor(c, x, out):
     """Taylor coefficients of the polynomial c at x."""
     n = c.shape[0]
@@ -38,7 +41,7 @@ def taylor(c, x, out):
             out[k] += x * out[k + 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def restrict(coef, y, out):
     """Powers of x of a polynomial on the line at y."""
     n = coef.shape[0]
@@ -49,7 +52,7 @@ def restrict(coef, y, out):
         out[i] = value
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def along_ray(coef, c, s, out):
     """Powers of r of a polynomial along the ray (r c, r s)."""
     n = coef.shape[0]
@@ -61,7 +64,7 @@ def along_ray(coef, c, s, out):
         out[k] = value
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def affine(coef, cx, cy, xu, xv, yu, yv):
     """Powers (n, n) in (u, v) of the polynomial coef at x = cx + xu u + xv v, y = cy + yu u + yv v; exact."""
     n = coef.shape[0]
@@ -79,7 +82,7 @@ def affine(coef, cx, cy, xu, xv, yu, yv):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _times(poly, c, u, v, degree):
     """poly (of at most this total degree) times c + u·(first variable) + v·(second), in place."""
     for p in range(degree + 1, -1, -1):
@@ -92,7 +95,7 @@ def _times(poly, c, u, v, degree):
             poly[p, q] = value
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def reparameter(c, mid, half, out):
     """Powers of t of the polynomial c at s = mid + half t."""
     d = c.shape[0]
@@ -103,7 +106,7 @@ def reparameter(c, mid, half, out):
         out[0] = mid * out[0] + c[k]
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def second_order(f, x, y):
     """Taylor coefficients up to second order of f at a point, as a (3, 3) array."""
     n, out = f.shape[0], np.zeros((3, 3))
@@ -122,7 +125,7 @@ def second_order(f, x, y):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def derivative_x(coef):
     """Powers (n, n) of the derivative by x."""
     n = coef.shape[0]
@@ -133,7 +136,7 @@ def derivative_x(coef):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def bernstein_matrix(n):
     """(n, n) Bernstein coefficients on [-1, 1] of the powers t^j: convert[k, j]."""
     d = n - 1
@@ -151,7 +154,7 @@ def bernstein_matrix(n):
     return convert
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def bernstein(coef, ru, rv, convert):
     """(least, largest) Bernstein coefficient of a polynomial on |u| <= ru, |v| <= rv: bounds of its range."""
     n = coef.shape[0]

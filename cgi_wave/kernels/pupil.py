@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from cgi_wave.kernels.outline import GAUSS, GW, GX, MAX_INTERVALS, cast, restrict, warp
-from cgi_wave.kernels.polynomials import horner
+from cgi_wave.kernels.polynomials import JIT, horner
 from cgi_wave.kernels.turns import FAST, half_turn
 
 _CHUNK = 64  # nodes handed to the vectorised inner function at a time
@@ -20,7 +20,7 @@ _RADIAL_SCAN = 33  # points per ray on which the phase variation is measured
 _FRACTIONS = 9  # radial fractions at which the phase variation in angle is measured
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def angle_panels(clear, ellipses, phase, tilt, span, cornered, cycles, turn, extra, limit):
     """Panel breakpoints in t for the segment span = (theta0, theta1), of even phase variation and turning.
 
@@ -78,7 +78,7 @@ def angle_panels(clear, ellipses, phase, tilt, span, cornered, cycles, turn, ext
     return breaks
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def segment_rays(clear, ellipses, span, cornered, breaks):
     """Rays of one segment: columns theta, weight d(theta), rho from, rho to; and the clearances at the two ends.
 
@@ -104,7 +104,7 @@ def segment_rays(clear, ellipses, span, cornered, breaks):
     return rays[:found].copy(), owner[:found].copy(), area
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _variation(poly, tilt, lo, hi, total):
     """Accumulated phase variation (cycles) along a ray, the worst of the given phases, on the scan points."""
     step = (hi - lo) / (_RADIAL_SCAN - 1)
@@ -117,7 +117,7 @@ def _variation(poly, tilt, lo, hi, total):
         total[i] = total[i - 1] + worst + tilt * step
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def count_panels(rays, phase, tilt, cycles, extra):
     """(R,) number of radial panels of each ray, for at most `cycles` of phase in each, and `extra` more."""
     poly = np.empty((phase.shape[0], phase.shape[1]))
@@ -129,7 +129,7 @@ def count_panels(rays, phase, tilt, cycles, extra):
     return panels
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _radial_nodes(poly, tilt, lo, hi, weight, panels, rho, w):
     """Nodes and weights (rho d(rho) d(theta)) of one ray, in panels of even phase variation."""
     total = np.empty(_RADIAL_SCAN)
@@ -181,7 +181,7 @@ def _slice(rho, w, cp, ca, cb, phi, a, b):
     return re, im, cross, aa, bb
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def integrate(rays, owner, panels, steering, tilt, phase, amp_a, amp_b, weight, middle, clear, residual):
     """Integrals over the region, for T triples (phase, amp_a, amp_b) of (T, n, n) polynomials.
 
@@ -235,7 +235,7 @@ def integrate(rays, owner, panels, steering, tilt, phase, amp_a, amp_b, weight, 
     return sums, weighted, edge
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def list_nodes(rays, panels, steering, tilt):
     """The quadrature itself: (M, 3) of x, y and weight in frame units."""
     out = np.empty((panels.sum() * GAUSS, 3))

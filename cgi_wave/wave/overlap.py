@@ -13,11 +13,24 @@ from cgi_wave.errors import InputError, MethodLimitError
 from cgi_wave.wave.basis import Array, chebyshev_tail, chebyshev_wavenumbers, expand
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.region import METHOD as PANELS
-from cgi_wave.wave.region import SAFETY, Integral, Region, Rough, boundary, build, find_region, integrate, rough, spread
+from cgi_wave.wave.region import (
+    SAFETY,
+    Boundary,
+    Integral,
+    Region,
+    Rough,
+    boundary,
+    build,
+    find_region,
+    integrate,
+    rough,
+    spread,
+)
 from cgi_wave.wave.stokes import BOUNDARY_METHOD as BOUNDARY
 from cgi_wave.wave.stokes import NO_FACTOR, boundary_integral
 
 FEW_WAVES = 12.0  # spread of the path difference, in waves, up to which panels are the cheaper way (docs/contrast.md)
+CURVES = 1e-3  # error of the boundary's curves, frame units, for a tolerance of 1
 NODE_LIMIT = 129  # wavenumbers at which one pair may be computed
 _TINY = 1e-3  # |value| below which the slope is the plain mean: the weighted one loses its meaning
 
@@ -106,19 +119,15 @@ def _panels(pair: _Pair, tol: float) -> tuple[Integral, str]:
 def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
     """The oscillating integrals along the boundary, one wavenumber at a time; what has no phase in it by panels."""
     region, middle, count = pair.region, pair.phase.shape[0] // 2, pair.phase.shape[0]
-    curves, missed = boundary(region)
-    still = slice(middle, middle + 1)
-    flat, change, unweighted = _flat(pair, still)
+    around = boundary(region, CURVES * tol)
+    flat, change, unweighted = _flat(pair, around, slice(middle, middle + 1))
     area = float(np.prod(region.frame))
     factor = NO_FACTOR if pair.steer is None else pair.steer
     found = [
-        boundary_integral(curves, phase, a, b, factor if t == middle else NO_FACTOR, tol * norm / area)
+        boundary_integral(around.curves, phase, a, b, factor if t == middle else NO_FACTOR, tol * norm / area)
         for t, (phase, a, b, norm) in enumerate(zip(pair.phase, pair.a, pair.b, pair.norm, strict=True))
     ]
-    # |x|, |y| <= 1 in the frame: the sum of the coefficients bounds a polynomial there
-    strip = missed * float(np.abs(pair.a[middle]).sum() * np.abs(pair.b[middle]).sum())
-    length = float(np.hypot(*np.moveaxis(curves[:, :, 1], 1, 0)).sum()) * 2.0
-    error = area * (np.array([f.error for f in found]) + strip * length)
+    error = area * np.array([f.error for f in found]) + flat.strip
     worst = float(np.max(error / pair.norm))
     if worst > 2.0 * tol:
         raise MethodLimitError(
@@ -139,17 +148,17 @@ def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
     ), BOUNDARY
 
 
-def _flat(pair: _Pair, still: slice) -> tuple[Rough, float, float]:
+def _flat(pair: _Pair, around: Boundary, still: slice) -> tuple[Rough, float, float]:
     """What has no phase in it, at the middle wavenumber; how far max(aa, bb) is off; mean of ``steer`` times cross.
 
     Where the slope is 0 by definition, all of it goes into bounds only.
     """
     a, b = pair.a[still], pair.b[still]
+    found = rough(pair.region, around, a[0], b[0])
     if pair.steer is None:
-        found = rough(pair.region, a[0], b[0])
         return found, 0.01 * max(found.aa, found.bb), 0.0
     flat = integrate(pair.region, np.zeros_like(pair.phase[still]), a, b, pair.steer, pair.norm[still], 1e-6)
-    sums = Rough(float(flat.cross[0]), float(flat.aa[0]), float(flat.bb[0]), flat.area, flat.edge)
+    sums = Rough(float(flat.cross[0]), float(flat.aa[0]), float(flat.bb[0]), flat.area, flat.edge, found.strip)
     return sums, float(flat.change_power[0]), flat.unweighted
 
 

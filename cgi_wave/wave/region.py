@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
-from cgi_wave.kernels import outline, pupil
+from cgi_wave.kernels import enclosed, outline, pupil
 from cgi_wave.wave.basis import Array, evaluate, expand
 
 METHOD = "boundary-fitted Gauss panels"
@@ -25,7 +25,7 @@ _LEVELS = 8
 _BREAK_LIMIT = 200
 _SCANS = (120, 240, 480)  # rays on which the boundary's corners are looked for, per level
 _GRID = 41
-_CURVE_TOLERANCE = 1e-13  # frame units
+_CURVES = 1e-13, 1e-9  # frame units: the finest and the coarsest curves that are asked for
 
 
 @dataclass(frozen=True)
@@ -209,15 +209,28 @@ def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
     return [(ends[b : b + 2], True) for b in range(angles.size) if ends[b + 1] - ends[b] > 1e-13]
 
 
-def boundary(region: Region) -> tuple[Array, float]:
-    """Boundary of the region as smooth curves (C, 2, 16), powers of s in [-1, 1] in frame units, region to their left.
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """Boundary of a region as smooth curves (C, 2, 16), powers of s in [-1, 1] in frame units, region to their left.
 
-    With it, the largest distance (frame units) by which a curve may be off. Raises MethodLimitError when a part of the
-    boundary cannot be followed.
+    owner (C,): the clearance that is 0 on each, negative for a domain; missed: the largest distance (frame units) by
+    which a curve may be off.
     """
-    curves, missed = [], 0.0
+
+    curves: Array
+    owner: NDArray[np.int64]
+    missed: float
+
+
+def boundary(region: Region, tolerance: float) -> Boundary:
+    """Boundary of the region, its curves good to ``tolerance`` (frame units) within what _CURVES allows.
+
+    Raises MethodLimitError when a part of the boundary cannot be followed.
+    """
+    curves, owner, missed = [], [], 0.0
+    fine = float(np.clip(tolerance, *_CURVES))
     for span, cornered in _segments(region, 0):
-        part, off = outline.boundary_curves(region.clearance, region.ellipses, span, cornered, _CURVE_TOLERANCE, 512)
+        part, which, off = outline.boundary_curves(region.clearance, region.ellipses, span, cornered, fine, 512)
         if not np.isfinite(off):
             raise MethodLimitError(
                 METHOD,
@@ -226,8 +239,9 @@ def boundary(region: Region) -> tuple[Array, float]:
                 "lower the degree of the fit or merge the apertures that nearly coincide",
             )
         curves.append(part)
+        owner.append(which)
         missed = max(missed, off)
-    return np.concatenate(curves), missed
+    return Boundary(np.concatenate(curves), np.concatenate(owner), missed)
 
 
 def _refuse(nodes: float, waves: float) -> MethodLimitError:
@@ -275,36 +289,31 @@ def build(region: Region, steering: Array, tilt: float, level: int) -> Quadratur
 
 @dataclass(frozen=True)
 class Rough:
-    """Integrals over a region of a b, a², b²; its area; and what the error of the clearances can add to the first."""
+    """Integrals over a region of a b, a², b²; its area; what the error of the clearances can add to the first.
+
+    strip: what the boundary's curves can.
+    """
 
     cross: float
     aa: float
     bb: float
     area: float
     edge: float
+    strip: float
 
 
-def rough(region: Region, a: Array, b: Array) -> Rough:
-    """Integrals of the polynomials a, b (n, n), powers of the region's frame, by one level of panels.
+def rough(region: Region, around: Boundary, a: Array, b: Array) -> Rough:
+    """Integrals over a region of the polynomials a, b (n, n), powers of its frame, from its boundary.
 
-    For bounds: nothing oscillates, and 16 nodes a panel leave far less than the hundredth part that is added to what
-    bounds are made of (cross, area, edge).
+    For bounds: nothing oscillates, and the nodes leave far less than the hundredth part that is added to what bounds
+    are made of (cross, area, edge, strip).
     """
-    flat, none = np.zeros((1, *a.shape)), np.zeros(a.shape)
-    q = build(region, flat, 0.0, 0)
-    sums, weighted, edge = pupil.integrate(
-        q.rays, q.owner, q.panels, flat, 0.0, flat, a[None], b[None], none, 0, region.clearance, region.residual
+    cross, aa, bb, size, edge, rim = enclosed.enclosed(
+        around.curves, around.owner, region.clearance, region.residual, a, b
     )
-    edge += q.between * float(np.abs(a).sum() * np.abs(b).sum())
     area = float(np.prod(region.frame))
     more = 1.01 * area
-    return Rough(
-        float(sums[0, 2]) * more,
-        float(sums[0, 3]) * area,
-        float(sums[0, 4]) * area,
-        float(weighted[3]) * more,
-        float(edge) * more,
-    )
+    return Rough(cross * more, aa * area, bb * area, size * more, edge * more, around.missed * rim * more)
 
 
 def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, norm: Array, tol: float) -> Integral:
