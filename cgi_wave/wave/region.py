@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
-from cgi_wave.kernels import enclosed, outline, pupil
-from cgi_wave.wave.basis import Array, evaluate, expand
+from cgi_wave.kernels import enclosed, outline, pupil, survey
+from cgi_wave.wave.basis import Array, expand
 
 METHOD = "boundary-fitted Gauss panels"
 NODE_CAP = 4_000_000  # nodes of one quadrature, before its T wavenumbers
@@ -24,7 +24,6 @@ FIRST_CYCLES, FIRST_TURN, REFINEMENT = 5.0, 1.6, 1.5  # phase (cycles) and turni
 _LEVELS = 8
 _BREAK_LIMIT = 200
 _SCANS = (120, 240, 480)  # rays on which the boundary's corners are looked for, per level
-_GRID = 41
 _CURVES = 1e-13, 1e-9  # frame units: the finest and the coarsest curves that are asked for
 
 
@@ -104,85 +103,24 @@ class Integral:
     nodes: int
 
 
-def _on_grid(supports: Sequence[Support], polynomials: Sequence[Array], lo: Array, hi: Array) -> _Grid:
-    """All clearances of all supports on a grid over a box, and the least with the domains in it."""
-    x, y = np.linspace(lo[0], hi[0], _GRID), np.linspace(lo[1], hi[1], _GRID)
-    least, values = np.full((_GRID, _GRID), np.inf), []
-    for s, clearance in zip(supports, polynomials, strict=True):
-        sx, sy = (x - s.centre[0]) / s.scale[0], (y - s.centre[1]) / s.scale[1]
-        least = np.minimum(least, 1.0 - sx[:, None] ** 2 - sy[None, :] ** 2)
-        if len(clearance):
-            values.append(evaluate(clearance, sx, sy))
-            least = np.minimum(least, values[-1].min(axis=0))
-    every = np.concatenate(values) if values else np.empty((0, _GRID, _GRID))
-    return _Grid(x, y, least, every)
-
-
-@dataclass(frozen=True)
-class _Grid:
-    """Axes x, y (G,), the least clearance (G, G), and each of them (K, G, G)."""
-
-    x: Array
-    y: Array
-    least: Array
-    every: Array
-
-
-def _bounding(grids: Sequence[Array]) -> NDArray[np.int64]:
-    """Which clearances, given on grids (K, X, Y), can bound the region: the others stay positive where the rest are.
-
-    All comparisons leave the change over one cell as a margin. Clearances go one by one, the most positive first. One
-    of the grids has to cover all that rays can reach, or a piece that only a dropped clearance excludes would appear.
-    """
-    cells = [sum(np.abs(np.diff(g, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)) for g in grids]
-    kept = list(range(len(grids[0])))
-    for k in np.argsort([-c.min() for c in grids[-1]]):
-        others = [j for j in kept if j != k]
-        if others and all(
-            np.all((g[k] > cell[k]) | np.any(g[others] <= -cell[others, None, None], axis=0))
-            for g, cell in zip(grids, cells, strict=True)
-        ):
-            kept = others
-    return np.array(kept, np.int64)
-
-
 def find_region(supports: Sequence[Support]) -> Region | None:
-    """The common region of the supports, or None when they do not meet.
-
-    A grid over the common box is refined about its best point until it shows positive clearance (slivers down to
-    1e-7 of the box are found), then about the lit points until they fill it.
-    """
-    lo = np.max([s.centre - s.scale for s in supports], axis=0)
-    hi = np.min([s.centre + s.scale for s in supports], axis=0)
-    if np.any(hi <= lo):
-        return None
+    """The common region of the supports, or None when they do not meet (slivers down to 1e-7 of the box are found)."""
+    centre, scale = np.array([s.centre for s in supports]), np.array([s.scale for s in supports])
     polynomials = [trimmed(s.clearance) for s in supports]
-    first = grid = _on_grid(supports, polynomials, lo, hi)
-    points = np.empty((0, 2))
-    for _ in range(14):
-        i, j = np.nonzero(grid.least > 0.0)
-        step = np.array([grid.x[1] - grid.x[0], grid.y[1] - grid.y[0]])
-        if i.size == 0:
-            row, column = np.unravel_index(np.argmax(grid.least), grid.least.shape)
-            best = np.array([grid.x[row], grid.y[column]])
-            lo, hi = best - 6.0 * step, best + 6.0 * step
-        else:
-            points = np.column_stack([grid.x[i], grid.y[j]])
-            if i.size >= _GRID * _GRID // 5 or (i.max() - i.min() > _GRID // 2 and j.max() - j.min() > _GRID // 2):
-                break
-            lo, hi = points.min(axis=0) - 1.5 * step, points.max(axis=0) + 1.5 * step
-        grid = _on_grid(supports, polynomials, lo, hi)
-    if points.size == 0:
+    most = max(p.shape[-1] for p in polynomials)
+    stacked, owner = np.zeros((sum(map(len, polynomials)), most, most)), []
+    for number, polynomial in enumerate(polynomials):
+        size = polynomial.shape[-1]
+        stacked[len(owner) : len(owner) + len(polynomial), :size, :size] = polynomial
+        owner += [number] * len(polynomial)
+    pivot, frame, extent, keep = survey.survey(stacked, np.array(owner, np.int64), centre, scale)
+    if extent.size == 0:
         return None
-    pivot = points.mean(axis=0)
-    frame = np.abs(points - pivot).max(axis=0) + 1.5 * step
-    extent = (points - pivot) / frame
     n = max(s.clearance.shape[-1] for s in supports)
-    kept = _bounding([first.every, grid.every])
     clearance = np.concatenate([expand(s.clearance, s.centre, s.scale, pivot, frame, n) for s in supports])
-    ellipses = np.array([[*((s.centre - pivot) / frame), *(s.scale / frame)] for s in supports])
+    ellipses = np.column_stack([(centre - pivot) / frame, scale / frame])
     residual = np.concatenate([s.residual for s in supports])
-    return Region(pivot, frame, trimmed(clearance[kept]), residual[kept], ellipses, extent, n)
+    return Region(pivot, frame, trimmed(clearance[keep]), residual[keep], ellipses, extent, n)
 
 
 def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
@@ -255,10 +193,7 @@ def _refuse(nodes: float, waves: float) -> MethodLimitError:
 
 def spread(region: Region, poly: Array) -> float:
     """max - min of the polynomials (P, n, n) over the region's sample points: the largest of the P, in their unit."""
-    n = poly.shape[-1]
-    across, along = (np.vander(axis, n, increasing=True) for axis in region.extent.T)
-    values = ((across @ poly) * along).sum(axis=2)
-    return float(np.ptp(values, axis=1).max())
+    return max(survey.spread(p, region.extent) for p in poly)
 
 
 def build(region: Region, steering: Array, tilt: float, level: int) -> Quadrature:
