@@ -67,7 +67,8 @@ class Overlap:
 class _Pair:
     """The polynomials of two fields in their common frame: phase in cycles, without its value at the pivot.
 
-    steer: difference of the y direction cosines; None where both are the coordinate itself.
+    steer: difference of the y direction cosines; None where both are the coordinate itself. norm, powers (T,): of the
+    two fields, and the root of their product.
     """
 
     region: Region
@@ -77,6 +78,7 @@ class _Pair:
     b: Array
     steer: Array | None
     norm: Array
+    powers: tuple[Array, Array]
 
 
 def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair:  # noqa: E741
@@ -85,22 +87,24 @@ def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair: 
     def in_frame(field: PupilField, coef: Array) -> Array:
         return expand(coef, field.support.centre, field.support.scale, region.pivot, region.frame, n)
 
+    def at(field: PupilField, coef: Array, weights: Array) -> Array:
+        powers = in_frame(field, coef)
+        return (weights @ powers.reshape(len(powers), -1)).reshape(-1, n, n)
+
     weights_m, weights_l = m.weights(sigma), l.weights(sigma)
-    path = np.tensordot(weights_m, in_frame(m, m.opl), 1) - np.tensordot(weights_l, in_frame(l, l.opl), 1)
+    path = at(m, m.opl, weights_m) - at(l, l.opl, weights_l)
     opd_m = path[:, 0, 0].copy()
     path[:, 0, 0] = 0.0
     alike = m.space == "direction" and m.bend == 0.0
     steer = None if alike else in_frame(m, m.direction[1]) - in_frame(l, l.direction[1])
-    a = np.tensordot(weights_m, in_frame(m, m.amplitude), 1)
-    b = np.tensordot(weights_l, in_frame(l, l.amplitude), 1)
-    norm = np.sqrt(m.power_at(sigma) * l.power_at(sigma))
-    return _Pair(region, path * sigma[:, None, None], opd_m, a, b, steer, norm)
+    a, b = at(m, m.amplitude, weights_m), at(l, l.amplitude, weights_l)
+    powers = m.power_at(sigma), l.power_at(sigma)
+    return _Pair(region, path * sigma[:, None, None], opd_m, a, b, steer, np.sqrt(powers[0] * powers[1]), powers)
 
 
 def _check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741
-    if (m.space, m.bend) != (l.space, l.bend) or not np.allclose(
-        m.reference_point, l.reference_point, rtol=0, atol=1e-12
-    ):
+    apart = max(abs(p - q) for p, q in zip(m.reference_point, l.reference_point, strict=True))
+    if (m.space, m.bend) != (l.space, l.bend) or apart > 1e-12:
         raise InputError(
             f"pair {m.label} | {l.label}",
             "reference_point",
@@ -212,7 +216,7 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6, metho
         (total.weighted / total.value[middle]).real if weighted else total.unweighted / max(total.cross[middle], 1e-300)
     )
     share = float(np.sqrt(total.aa[middle] * total.bb[middle]) / pair.norm[middle])
-    fit = _misfit(m, l, sigma, total.cross / pair.norm, np.abs(raw), total.area)
+    fit = _misfit(m, l, sigma, pair.powers, total.cross / pair.norm, np.abs(raw), total.area)
     rounding = 4e-16 * (2.0 * np.pi * np.abs(pair.phase).sum(axis=(1, 2)) + 10.0)
     error = (total.error + total.edge) / pair.norm + fit + rounding
     pivot = (float(region.pivot[0]), float(region.pivot[1]))
@@ -240,7 +244,8 @@ def integral_over(field: PupilField, tol: float) -> tuple[complex, float, float,
     path[:, 0, 0] = 0.0
     one = np.zeros((1, n, n))
     one[0, 0, 0] = 1.0
-    pair = _Pair(region, path * sigma, np.zeros(1), in_frame(field.amplitude[middle]), one, None, np.ones(1))
+    unit = np.ones(1)
+    pair = _Pair(region, path * sigma, np.zeros(1), in_frame(field.amplitude[middle]), one, None, unit, (unit, unit))
     total, name = _auto(pair, tol)
     cross = float(total.cross[0])
     misfit = min(2.0 * np.pi * sigma * field.opl_residual, 2.0) * cross + field.amplitude_residual * total.area
@@ -249,10 +254,18 @@ def integral_over(field: PupilField, tol: float) -> tuple[complex, float, float,
     return complex(total.value[0] * np.exp(1j * pivot_phase)), error, cross, name
 
 
-def _misfit(m: PupilField, l: PupilField, sigma: Array, cross: Array, size: Array, area: float) -> Array:  # noqa: E741
+def _misfit(
+    m: PupilField,
+    l: PupilField,  # noqa: E741
+    sigma: Array,
+    powers: tuple[Array, Array],
+    cross: Array,
+    size: Array,
+    area: float,
+) -> Array:
     """(T,) what the residuals of the two fits can change: phase, amplitudes, and the powers in the normaliser."""
     phase = np.minimum(2.0 * np.pi * sigma * (m.opl_residual + l.opl_residual), 2.0) * cross
-    amplitude = sum(f.amplitude_residual * np.sqrt(area / f.power_at(sigma)) for f in (m, l))
+    amplitude = sum(f.amplitude_residual * np.sqrt(area / p) for f, p in zip((m, l), powers, strict=True))
     return phase + amplitude + 0.5 * size * (m.power_error + l.power_error)
 
 
