@@ -16,9 +16,9 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.polynomials import JIT, horner
+from cgi_wave.kernels.polynomials import BATCH, JIT, along_rays, horner
 
-GAUSS = 16
+GAUSS = BATCH  # nodes of a panel, whose rays are computed together
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
 GX = 0.5 * (_X16 + 1.0)  # nodes and weights on (0, 1)
 GW = 0.5 * _W16
@@ -185,16 +185,14 @@ def _reach(ellipses, theta):
 
 
 @njit(**JIT)
-def _crossings(clear, ellipses, theta, poly, at, owner):
+def _crossings(poly, ellipses, theta, at, owner):
     """Where one ray crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
 
-    poly (K, n) receives the clearances along the ray.
+    poly (K, n): the clearances along the ray.
     """
-    count_k, n = clear.shape[0], clear.shape[1]
-    restrict(clear, theta, poly)
     top, found = _reach(ellipses, theta), 0
-    roots = np.empty(n + 1)
-    for k in range(count_k):
+    roots = np.empty(poly.shape[1] + 1)
+    for k in range(poly.shape[0]):
         for r in range(_roots(poly[k], top, roots)):
             j = found
             while j > 0 and at[j - 1] > roots[r]:
@@ -244,7 +242,8 @@ def cast(clear, ellipses, theta, ends, which, between):
     """
     count_k, n = clear.shape[0], clear.shape[1]
     poly, at, owner = np.empty((count_k, n)), np.empty(count_k * n + 1), np.empty(count_k * n + 1, np.int64)
-    found = _crossings(clear, ellipses, theta, poly, at, owner)
+    restrict(clear, theta, poly)
+    found = _crossings(poly, ellipses, theta, at, owner)
     return _intervals(poly, at, owner, found, ends, which, between)
 
 
@@ -280,7 +279,8 @@ def _closest(clear, ellipses, lo, hi, j, code, ends, which, between):
     for _ in range(48):
         for e in range(2):
             if np.isnan(gap[e]):
-                found = _crossings(clear, ellipses, inner[e], poly, at, owner)
+                restrict(clear, inner[e], poly)
+                found = _crossings(poly, ellipses, inner[e], at, owner)
                 count = _intervals(poly, at, owner, found, ends, which, between)
                 if _code(count, which) != code:
                     return inner[e]
@@ -306,14 +306,19 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
     step = 2.0 * math.pi / scan
     count_k, n = clear.shape[0], clear.shape[1]
     size = count_k * n + 1
-    poly = np.empty((count_k, n))
+    lines, cosine, sine = np.empty((BATCH, count_k, n)), np.empty(BATCH), np.empty(BATCH)
     at, owner = np.empty((3, size)), np.empty((3, size), np.int64)
     found = np.zeros(3, np.int64)
     rays, code, more = np.empty(5 * scan + 1), np.empty(5 * scan + 1, np.int64), scan + 1
     for s in range(-1, scan + 1):
         now, before, first = (s + 1) % 3, s % 3, (s - 1) % 3
         theta = start + s * step
-        found[now] = _crossings(clear, ellipses, theta, poly, at[now], owner[now])
+        poly = lines[(s + 1) % BATCH]
+        if (s + 1) % BATCH == 0:
+            for r in range(BATCH):
+                cosine[r], sine[r] = math.cos(start + (s + r) * step), math.sin(start + (s + r) * step)
+            along_rays(clear, cosine, sine, lines)
+        found[now] = _crossings(poly, ellipses, theta, at[now], owner[now])
         here = _code(_intervals(poly, at[now], owner[now], found[now], ends, which, between), which)
         if s >= 0:
             rays[s], code[s] = theta, here
@@ -400,6 +405,10 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
     out, owner = np.empty((limit, 2, GAUSS)), np.empty(limit, np.int64)
     ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
     at = np.empty((GAUSS, MAX_INTERVALS, 2, 2))
+    count_k, n = clear.shape[0], clear.shape[1]
+    size = count_k * n + 1
+    crossing, whose = np.empty(size), np.empty(size, np.int64)
+    lines, theta, cosine, sine = np.empty((GAUSS, count_k, n)), np.empty(GAUSS), np.empty(GAUSS), np.empty(GAUSS)
     side, between = np.empty((MAX_INTERVALS, 2), np.int64), np.empty(2)
     pieces = np.empty((64, 2))
     pieces[0, 0], pieces[0, 1] = 0.0, 1.0
@@ -409,15 +418,19 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
         top -= 1
         t0, t1, count = pieces[top, 0], pieces[top, 1], -1
         for g in range(GAUSS):
-            theta = span[0] + width * warp(t0 + (t1 - t0) * GX[g], cornered)[0]
-            here = cast(clear, ellipses, theta, ends, which, between)
+            theta[g] = span[0] + width * warp(t0 + (t1 - t0) * GX[g], cornered)[0]
+            cosine[g], sine[g] = math.cos(theta[g]), math.sin(theta[g])
+        along_rays(clear, cosine, sine, lines)
+        for g in range(GAUSS):
+            found_here = _crossings(lines[g], ellipses, theta[g], crossing, whose)
+            here = _intervals(lines[g], crossing, whose, found_here, ends, which, between)
             if here < 0 or (count >= 0 and here != count):
                 return out[:0], owner[:0], np.inf
             count, missed = here, max(missed, between[0])
             for j in range(count):
                 for e in range(2):
                     side[j, e] = which[j, e]
-                    at[g, j, e, 0], at[g, j, e, 1] = ends[j, e] * math.cos(theta), ends[j, e] * math.sin(theta)
+                    at[g, j, e, 0], at[g, j, e, 1] = ends[j, e] * cosine[g], ends[j, e] * sine[g]
         worst = 0.0
         for j in range(count):
             for e in range(2):

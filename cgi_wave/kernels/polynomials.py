@@ -11,6 +11,8 @@ from numba import njit
 #: How loops of the call tree are compiled: a product may be fused with the sum it goes into, nothing else is given up.
 JIT = {"cache": True, "nogil": True, "fastmath": {"contract"}}
 
+BATCH = 16  # rays, or lines, that are computed together
+
 
 @njit(**JIT)
 def horner(c, x):
@@ -62,6 +64,34 @@ def along_ray(coef, c, s, out):
             value = value * s + coef[i, k - i] * power
             power *= c
         out[k] = value
+
+
+@njit(**JIT)
+def along_rays(coef, c, s, out):
+    """Powers of r of polynomials (P, n, n) along BATCH rays (r c, r s) at a time: fills out (BATCH, P, n).
+
+    All rays take a term together, so that the compiler computes them in vector registers.
+    """
+    n = coef.shape[1]
+    terms, total = np.empty((n, n, BATCH)), np.empty(BATCH)  # c^i s^(k - i)
+    for r in range(BATCH):
+        terms[0, 0, r] = 1.0
+    for k in range(1, n):
+        for r in range(BATCH):
+            terms[0, k, r] = terms[0, k - 1, r] * s[r]
+        for i in range(1, k + 1):
+            for r in range(BATCH):
+                terms[i, k, r] = terms[i - 1, k - 1, r] * c[r]
+    for p in range(coef.shape[0]):
+        for k in range(n):
+            for r in range(BATCH):
+                total[r] = 0.0
+            for i in range(k + 1):
+                factor = coef[p, i, k - i]
+                for r in range(BATCH):
+                    total[r] += factor * terms[i, k, r]
+            for r in range(BATCH):
+                out[r, p, k] = total[r]
 
 
 @njit(**JIT)
