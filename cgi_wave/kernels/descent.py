@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.polynomials import horner, slope_at, taylor
+from cgi_wave.kernels.polynomials import JIT, horner, slope_at, taylor
 from cgi_wave.kernels.turns import FAST, half_turn
 
 GAUSS = 16
@@ -87,7 +87,7 @@ def _direct(lo, hi, fl, al, bl, wl, zero, ws):
     return re * half, im * half, re1 * half, im1 * half
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def stationary_point(fl, lo, hi, guess):
     """Root of f' on [lo, hi], where f' is monotone; NaN if there is none. Newton kept inside the bracket."""
     s_lo, s_hi = slope_at(fl, lo), slope_at(fl, hi)
@@ -113,7 +113,7 @@ def stationary_point(fl, lo, hi, guess):
     return x
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def point_away(fl, x, side, waves):
     """Point where the line's phase has turned by `waves` from its stationary point x, on one side; NaN if not found."""
     f0, bend = horner(fl, x), 0.0
@@ -136,7 +136,7 @@ def point_away(fl, x, side, waves):
     return math.nan
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _rule(c):
     """(index of the smallest Gauss-Laguerre rule that reaches 1e-12, its relative error) for Taylor coefficients c.
 
@@ -219,21 +219,27 @@ def _at(c, count, zr, zi, vr, vi):
             vr[j], vi[j] = a, b
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def descent(fl, al, bl, wl, x, ws):
-    """The slow amplitude E at x, times 1 and times the further factor; ok False where no rule reaches.
-
-    E = (1/2πi) ∫ a b / f' exp(−p) dp along the path f(z) = f(x) + i p/2π, all nodes of a rule at a time. The largest
-    relative error of the rules is gathered in ws[15, 0].
-    """
+    """``descent_from`` with the Taylor coefficients of the phase at x."""
     c = ws[4][: fl.shape[0]]
     taylor(fl, x, c)
+    return descent_from(c, al, bl, wl, x, ws)
+
+
+@njit(**JIT)
+def descent_from(c, al, bl, wl, x, ws):
+    """The slow amplitude E at x, times 1 and times the further factor; ok False where no rule reaches.
+
+    c: Taylor coefficients of the phase at x. E = (1/2πi) ∫ a b / f' exp(−p) dp along the path f(z) = f(x) + i p/2π, all
+    nodes of a rule at a time. The largest relative error of the rules is gathered in ws[15, 0].
+    """
     rule, miss = _rule(c)
     if rule < 0 or c[1] == 0.0:
         return 0j, 0j, False
     ws[15, 0] = max(ws[15, 0], miss)
     count, d1 = _COUNTS[rule], c[1]
-    d2 = c[2] if fl.shape[0] > 2 else 0.0
+    d2 = c[2] if c.shape[0] > 2 else 0.0
     ur, ui, sr, si, vr, vi = ws[5], ws[6], ws[7], ws[8], ws[9], ws[10]
     target = _LAG_X[rule]
     for j in range(count):
@@ -246,6 +252,19 @@ def descent(fl, al, bl, wl, x, ws):
         re += d1
         size = re * re + im * im
         ur[j], ui[j] = 2.0 * target[j] * im / size, 2.0 * target[j] * re / size
+    furthest = 0.0
+    for j in range(count):
+        furthest = max(furthest, ur[j] * ur[j] + ui[j] * ui[j])
+    # Powers that stay below rounding of the phase, even at twice that distance, cost time only.
+    size, reach, terms = 0.0, 2.0 * math.sqrt(furthest), c.shape[0]
+    power = reach ** (terms - 1)
+    while terms > 5:
+        size += abs(c[terms - 1]) * power
+        if size > 1e-17 * abs(d1) * reach:
+            break
+        terms -= 1
+        power /= reach
+    c = c[:terms]
     step = 1.0
     for _ in range(12):
         step = _newton(c, target, count, ur, ui, sr, si, vr, vi)
@@ -273,7 +292,7 @@ def descent(fl, al, bl, wl, x, ws):
     return e0 / I2PI, e1 / I2PI, True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def add_span(fl, al, bl, wl, lo, hi, panels, zero, out, ws):
     """Adds to out the integral of a b exp(i 2π (f − zero)) from lo to hi in even panels (4 sums); lo > hi is fine."""
     for p in range(panels):
@@ -282,7 +301,7 @@ def add_span(fl, al, bl, wl, lo, hi, panels, zero, out, ws):
             out[q] += part[q]
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def steepest_slope(fl, lo, hi):
     """Largest |f'| on nine points between lo and hi, with a tenth of margin."""
     worst = 0.0
@@ -291,7 +310,7 @@ def steepest_slope(fl, lo, hi):
     return 1.1 * worst
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def from_far(fl, al, bl, wl, at, x, zero, out, ws):
     """Φ exp(−i 2π zero) at x: E at the point WAVES away to the right of the stationary point `at`, and from there
     directly. out: 4 sums. Returns False when the asymptotic regime is not reached there.
@@ -319,7 +338,7 @@ def from_far(fl, al, bl, wl, at, x, zero, out, ws):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def stationary_term(fl, al, bl, wl, at, zero, out, ws):
     """S exp(−i 2π zero): what Φ − E exp(i 2π f) is to the left of the stationary point; False if not reached."""
     far = point_away(fl, at, -1.0, WAVES)

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.polynomials import BATCH, JIT, along_rays, horner
+from cgi_wave.kernels.polynomials import BATCH, JIT, horner, on_rays, powers
 
 GAUSS = BATCH  # nodes of a panel, whose rays are computed together
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
@@ -64,6 +64,14 @@ def restrict(coef, theta, out):
             for i in range(k + 1):
                 value += coef[p, i, k - i] * cs[i] * sn[k - i]
             out[p, k] = value
+
+
+@njit(**JIT)
+def _restrict_many(coef, cosine, sine, power, out):
+    """``restrict`` for BATCH rays: out (BATCH, P, n); power (n, BATCH) is working space."""
+    powers(cosine, power)
+    for p in range(coef.shape[0]):
+        on_rays(coef[p], power, sine, out[:, p])
 
 
 @njit(**JIT)
@@ -307,6 +315,7 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
     count_k, n = clear.shape[0], clear.shape[1]
     size = count_k * n + 1
     lines, cosine, sine = np.empty((BATCH, count_k, n)), np.empty(BATCH), np.empty(BATCH)
+    power = np.empty((n, BATCH))
     at, owner = np.empty((3, size)), np.empty((3, size), np.int64)
     found = np.zeros(3, np.int64)
     rays, code, more = np.empty(5 * scan + 1), np.empty(5 * scan + 1, np.int64), scan + 1
@@ -317,7 +326,7 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
         if (s + 1) % BATCH == 0:
             for r in range(BATCH):
                 cosine[r], sine[r] = math.cos(start + (s + r) * step), math.sin(start + (s + r) * step)
-            along_rays(clear, cosine, sine, lines)
+            _restrict_many(clear, cosine, sine, power, lines)
         found[now] = _crossings(poly, ellipses, theta, at[now], owner[now])
         here = _code(_intervals(poly, at[now], owner[now], found[now], ends, which, between), which)
         if s >= 0:
@@ -409,6 +418,7 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
     size = count_k * n + 1
     crossing, whose = np.empty(size), np.empty(size, np.int64)
     lines, theta, cosine, sine = np.empty((GAUSS, count_k, n)), np.empty(GAUSS), np.empty(GAUSS), np.empty(GAUSS)
+    power = np.empty((n, BATCH))
     side, between = np.empty((MAX_INTERVALS, 2), np.int64), np.empty(2)
     pieces = np.empty((64, 2))
     pieces[0, 0], pieces[0, 1] = 0.0, 1.0
@@ -420,7 +430,7 @@ def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
         for g in range(GAUSS):
             theta[g] = span[0] + width * warp(t0 + (t1 - t0) * GX[g], cornered)[0]
             cosine[g], sine[g] = math.cos(theta[g]), math.sin(theta[g])
-        along_rays(clear, cosine, sine, lines)
+        _restrict_many(clear, cosine, sine, power, lines)
         for g in range(GAUSS):
             found_here = _crossings(lines[g], ellipses, theta[g], crossing, whose)
             here = _intervals(lines[g], crossing, whose, found_here, ends, which, between)

@@ -14,13 +14,23 @@ from cgi_wave.kernels.descent import (
     WAVES,
     X16,
     add_span,
-    descent,
+    descent_from,
     from_far,
     stationary_point,
     stationary_term,
     steepest_slope,
 )
-from cgi_wave.kernels.polynomials import along_ray, horner, restrict, slope_at
+from cgi_wave.kernels.polynomials import (
+    JIT,
+    along_ray,
+    horner,
+    on_lines,
+    on_rays,
+    powers,
+    restrict,
+    slope_at,
+    taylors,
+)
 from cgi_wave.kernels.turns import FAST, half_turn
 
 CYCLES = 3.0  # phase per Gauss panel
@@ -37,7 +47,7 @@ for _k in range(GAUSS):
     TO_POWERS[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def even_slope(fl, r):
     """Whether f'(t)/t keeps its sign on 0 < t <= r (Bernstein coefficients of one sign): one stationary point, at 0."""
     n = fl.shape[0] - 2
@@ -62,7 +72,7 @@ def even_slope(fl, r):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _classify(fl, x, bend_sign, stretch, guess):
     """(class, distance from the stationary point in waves, the point or NaN) of x on its line."""
     at = stationary_point(fl, -stretch, stretch, guess)
@@ -75,46 +85,53 @@ def _classify(fl, x, bend_sign, stretch, guess):
     return (RIGHT if x > at else LEFT), delta, at
 
 
-@njit(cache=True, nogil=True)
-def _locate(px, py, f, mode, bend_sign, stretch, lo, hi, lines, place, delta, cls):
+@njit(**JIT)
+def _locate(px, py, f, mode, bend_sign, stretch, lo, hi, power, lines, place, delta, cls):
     """The 16 nodes of a piece of a panel: their lines and where on them they lie; False if a ray has two regimes.
 
-    lines (16, n): powers of f along the line of each node; place (16, 5): coordinate along it, y of the line, weight
-    dy (dθ for rays), stationary point, and the ray's cosine or 0.
+    lines (16, n): powers of f along the line of each node; power: of their cosines; place (5, 16):
+    coordinate along it, y of the line, weight dy (dθ for rays), stationary point, and the ray's cosine or 0.
     """
     half, guess = 0.5 * (hi - lo), 0.0
     for i in range(GAUSS):
         s = 0.5 * (lo + hi) + half * X16[i]
         x, y, dy = horner(px, s), horner(py, s), slope_at(py, s) * half
+        place[3, i], place[4, i] = math.nan, 0.0
         if mode == RADIAL_MODE:
             r = math.hypot(x, y)
             if r == 0.0:
                 return False
-            along_ray(f, x / r, y / r, lines[i])
+            place[0, i], place[1, i], place[2, i] = r, y / r, (x * dy - y * slope_at(px, s) * half) / (r * r)
+            place[3, i], place[4, i] = 0.0, x / r
+        else:
+            place[0, i], place[1, i], place[2, i] = x, y, dy
+    if mode == RADIAL_MODE:
+        powers(place[4], power)
+        on_rays(f, power, place[1], lines)
+        for i in range(GAUSS):
+            r = place[0, i]
             if not even_slope(lines[i], r):
                 return False
-            place[i, 0], place[i, 1], place[i, 2] = r, y / r, (x * dy - y * slope_at(px, s) * half) / (r * r)
-            place[i, 3], place[i, 4] = 0.0, x / r
             delta[i] = abs(horner(lines[i], r) - lines[i, 0])
             cls[i] = NEAR if delta[i] < WAVES else RIGHT
-            continue
-        restrict(f, y, lines[i])
-        place[i, 0], place[i, 1], place[i, 2], place[i, 3], place[i, 4] = x, y, dy, math.nan, 0.0
+        return True
+    on_lines(f, place[1], lines)
+    for i in range(GAUSS):
         cls[i], delta[i] = RIGHT, 1e300
         if mode == SADDLE_MODE or mode == CURVE_MODE:
-            cls[i], delta[i], place[i, 3] = _classify(lines[i], x, bend_sign, stretch, guess)
-            if not math.isnan(place[i, 3]):
-                guess = place[i, 3]
+            cls[i], delta[i], place[3, i] = _classify(lines[i], place[0, i], bend_sign, stretch, guess)
+            if not math.isnan(place[3, i]):
+                guess = place[3, i]
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _side(place, delta, cls):
     """(class of all 16 nodes together, whether they have one). A node within a quarter of WAVES fits both classes."""
     nearest, furthest, right, left = 1e300, 0.0, False, False
     for i in range(GAUSS):
         nearest, furthest = min(nearest, delta[i]), max(furthest, delta[i])
-        inside = not math.isnan(place[i, 3]) and place[i, 0] < place[i, 3]
+        inside = not math.isnan(place[3, i]) and place[0, i] < place[3, i]
         if cls[i] == LEFT or (cls[i] == NEAR and inside):
             left = True
         else:
@@ -126,7 +143,7 @@ def _side(place, delta, cls):
     return NEAR, False
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line):
     """Where to cut a piece whose nodes are of two classes: where the distance is about WAVES."""
     cut, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
@@ -154,7 +171,7 @@ def _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line):
     return cut
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def amplitudes(a, b, w, mode, c, s, al, bl, wl):
     """Amplitudes along a line at height s, or along the ray (c, s) with the r of the area element r dr dθ."""
     al[:], bl[:] = 0.0, 0.0
@@ -170,16 +187,38 @@ def amplitudes(a, b, w, mode, c, s, al, bl, wl):
             restrict(w, s, wl)
 
 
-@njit(cache=True, nogil=True)
-def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
+@njit(**JIT)
+def _amplitudes(a, b, w, mode, power, place, als, bls, wls):
+    """``amplitudes`` at all nodes of a piece: als, bls (16, m + 1), wls (16, m)."""
+    m = a.shape[0]
+    if mode == RADIAL_MODE:
+        als[:, 0], bls[:, m] = 0.0, 0.0
+        on_rays(a, power, place[1], als[:, 1:])
+        on_rays(b, power, place[1], bls[:, :m])
+        if w.shape[0] > 0:
+            on_rays(w, power, place[1], wls)
+    else:
+        als[:, m], bls[:, m] = 0.0, 0.0
+        on_lines(a, place[1], als[:, :m])
+        on_lines(b, place[1], bls[:, :m])
+        if w.shape[0] > 0:
+            on_lines(w, place[1], wls)
+
+
+@njit(**JIT)
+def _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws):
     """Phase and amplitudes (5, 16) of Φ dy at the nodes; False where the asymptotic regime is not reached.
 
-    values: phase in cycles; Re and Im of the amplitude; the same times the further factor.
+    values: phase in cycles; Re and Im of the amplitude; the same times the further factor. tangents (16, n): working
+    space.
     """
     out = np.zeros(4)
+    far = not (mode == DIRECT_MODE or mode == CURVE_MODE or whole == NEAR)
+    if far:
+        taylors(lines, place[0], tangents)
     for i in range(GAUSS):
-        fl, x, at = lines[i], place[i, 0], place[i, 3]
-        amplitudes(a, b, w, mode, place[i, 4], place[i, 1], al, bl, wl)
+        fl, x, at = lines[i], place[0, i], place[3, i]
+        al, bl, wl = als[i], bls[i], wls[i]
         out[:] = 0.0
         values[0, i] = 0.0
         if mode == DIRECT_MODE:
@@ -197,16 +236,16 @@ def _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
                 return False
         else:
             values[0, i] = horner(fl, x)
-            e0, e1, ok = descent(fl, al, bl, wl, x, ws)
+            e0, e1, ok = descent_from(tangents[i], al, bl, wl, x, ws)
             if not ok:
                 return False
             out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
         for q in range(4):
-            values[1 + q, i] = out[q] * place[i, 2]
+            values[1 + q, i] = out[q] * place[2, i]
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _series(values, cheb):
     """Chebyshev coefficients (5, 16) of values at the Gauss nodes."""
     for q in range(values.shape[0]):
@@ -217,7 +256,7 @@ def _series(values, cheb):
             cheb[q, k] = total
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _decay(c, d):
     """(size of the last three coefficients of the pair c, d; factor per three degrees by which they fall).
 
@@ -237,14 +276,14 @@ def _decay(c, d):
     return end, min(rate, 1.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _tail(c, d):
     """What lies beyond degree 15 of a series whose coefficients go on falling as the last ones do."""
     end, rate = _decay(c, d)
     return 2.0 * end * rate / (1.0 - min(rate, 0.8))
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _gauss_tail(c, d):
     """What 16 Gauss points miss of a function with these Chebyshev coefficients: its part beyond degree 31.
 
@@ -275,7 +314,7 @@ def wave_sum(t, w, phase, re, im, turns, a, b):
     return real, imag
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _add(cheb, power, pieces, sums, ws):
     """Adds the integral over a piece of many waves: amplitude times exp(i 2π phase), interpolated to Gauss panels."""
     used = 1
@@ -308,7 +347,7 @@ def _add(cheb, power, pieces, sums, ws):
             count = 0
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, spans_used, ws):
     """Adds ∮ Φ dy over one boundary panel to sums; returns (error, nodes, spans used, status).
 
@@ -317,11 +356,13 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
     mode, or a smaller box, has to be tried) or CROWDED.
     """
     n, m = f.shape[0], a.shape[0]
-    al, bl, wl, line = np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0]), np.empty(n)
+    als, bls, wls = np.empty((GAUSS, m + 1)), np.empty((GAUSS, m + 1)), np.empty((GAUSS, w.shape[0]))
+    most, line, tangents = max(n, m, w.shape[0]), np.empty(n), np.empty((GAUSS, n))
+    cosines = np.empty((most, GAUSS))
     ends, level = np.empty((DEPTH + 4, 2)), np.empty(DEPTH + 4, np.int64)
     ends[0, 0], ends[0, 1], level[0] = -1.0, 1.0, 0
     top, error, nodes = 1, 0.0, 0
-    lines, place = np.empty((GAUSS, n)), np.empty((GAUSS, 5))
+    lines, place = np.empty((GAUSS, n)), np.empty((5, GAUSS))
     cls, delta = np.empty(GAUSS, np.int64), np.empty(GAUSS)
     values, cheb, power = np.empty((5, GAUSS)), np.empty((5, GAUSS)), np.empty((5, GAUSS))
     wave, wave_cheb, pieces_used = np.empty((4, GAUSS)), np.empty((2, GAUSS)), 0
@@ -332,22 +373,25 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
             return error, nodes, spans_used, DEEP
         top -= 1
         lo, hi, depth = ends[top, 0], ends[top, 1], level[top]
-        if not _locate(px, py, f, mode, bend_sign, stretch, lo, hi, lines, place, delta, cls):
+        if not _locate(px, py, f, mode, bend_sign, stretch, lo, hi, cosines, lines, place, delta, cls):
             return error, nodes, spans_used, DEEP
         whole, one = RIGHT, True
         if mode == SADDLE_MODE or mode == RADIAL_MODE:
             whole, one = _side(place, delta, cls)
-        cut = math.nan
+        cut, values_found = math.nan, False
         nodes += GAUSS
         ws[15, 0] = 0.0
         if not one:
             cut = _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line)
-        elif not _values(a, b, w, mode, whole, lines, place, al, bl, wl, values, ws):
+        else:
+            _amplitudes(a, b, w, mode, cosines, place, als, bls, wls)
+            values_found = _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws)
+        if one and not values_found:
             # nodes that reach neither regime: only a smaller part of the boundary may
             if mode == CURVE_MODE or hi - lo < 1e-3:
                 return error, nodes, spans_used, DEEP
             cut = 0.5 * (lo + hi)
-        else:
+        elif one:
             largest, fastest, scale = 0.0, 0.0, 0.0
             for i in range(GAUSS):
                 largest, scale = max(largest, math.hypot(values[1, i], values[2, i])), max(scale, abs(values[0, i]))

@@ -67,37 +67,107 @@ def along_ray(coef, c, s, out):
 
 
 @njit(**JIT)
-def along_rays(coef, c, s, out):
-    """Powers of r of polynomials (P, n, n) along BATCH rays (r c, r s) at a time: fills out (BATCH, P, n).
-
-    All rays take a term together, so that the compiler computes them in vector registers.
-    """
-    n = coef.shape[1]
-    terms, total = np.empty((n, n, BATCH)), np.empty(BATCH)  # c^i s^(k - i)
+def powers(c, out):
+    """c^i of BATCH numbers: fills out (n, BATCH)."""
     for r in range(BATCH):
-        terms[0, 0, r] = 1.0
-    for k in range(1, n):
-        for r in range(BATCH):
-            terms[0, k, r] = terms[0, k - 1, r] * s[r]
-        for i in range(1, k + 1):
-            for r in range(BATCH):
-                terms[i, k, r] = terms[i - 1, k - 1, r] * c[r]
-    for p in range(coef.shape[0]):
-        for k in range(n):
-            for r in range(BATCH):
-                total[r] = 0.0
+        value = 1.0
+        for i in range(out.shape[0]):
+            out[i, r] = value
+            value *= c[r]
+
+
+# Below, eight rays or lines stand in eight variables: so the compiler keeps them in one vector register, which it does
+# not do for a loop over arrays.
+
+
+@njit(**JIT)
+def on_rays(coef, power, s, out):
+    """Powers of r of a polynomial (n, n) along BATCH rays (r c, r s): fills out (BATCH, n). power: ``powers`` of c."""
+    for h in range(0, BATCH, 8):
+        s0, s1, s2, s3, s4, s5, s6, s7 = s[h], s[h + 1], s[h + 2], s[h + 3], s[h + 4], s[h + 5], s[h + 6], s[h + 7]
+        for k in range(coef.shape[0]):
+            t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
             for i in range(k + 1):
-                factor = coef[p, i, k - i]
-                for r in range(BATCH):
-                    total[r] += factor * terms[i, k, r]
-            for r in range(BATCH):
-                out[r, p, k] = total[r]
+                f = coef[i, k - i]
+                t0 = t0 * s0 + f * power[i, h]
+                t1 = t1 * s1 + f * power[i, h + 1]
+                t2 = t2 * s2 + f * power[i, h + 2]
+                t3 = t3 * s3 + f * power[i, h + 3]
+                t4 = t4 * s4 + f * power[i, h + 4]
+                t5 = t5 * s5 + f * power[i, h + 5]
+                t6 = t6 * s6 + f * power[i, h + 6]
+                t7 = t7 * s7 + f * power[i, h + 7]
+            out[h, k] = t0
+            out[h + 1, k] = t1
+            out[h + 2, k] = t2
+            out[h + 3, k] = t3
+            out[h + 4, k] = t4
+            out[h + 5, k] = t5
+            out[h + 6, k] = t6
+            out[h + 7, k] = t7
+
+
+@njit(**JIT)
+def on_lines(coef, y, out):
+    """Powers of x of a polynomial (n, n) on BATCH lines at heights y: fills out (BATCH, n)."""
+    n = coef.shape[0]
+    for h in range(0, BATCH, 8):
+        y0, y1, y2, y3, y4, y5, y6, y7 = y[h], y[h + 1], y[h + 2], y[h + 3], y[h + 4], y[h + 5], y[h + 6], y[h + 7]
+        for i in range(n):
+            t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
+            for j in range(n - 1 - i, -1, -1):
+                f = coef[i, j]
+                t0 = t0 * y0 + f
+                t1 = t1 * y1 + f
+                t2 = t2 * y2 + f
+                t3 = t3 * y3 + f
+                t4 = t4 * y4 + f
+                t5 = t5 * y5 + f
+                t6 = t6 * y6 + f
+                t7 = t7 * y7 + f
+            out[h, i] = t0
+            out[h + 1, i] = t1
+            out[h + 2, i] = t2
+            out[h + 3, i] = t3
+            out[h + 4, i] = t4
+            out[h + 5, i] = t5
+            out[h + 6, i] = t6
+            out[h + 7, i] = t7
+
+
+@njit(**JIT)
+def taylors(lines, x, out):
+    """Taylor coefficients (BATCH, n) of BATCH polynomials (BATCH, n), each at its own x."""
+    n = lines.shape[1]
+    c = np.empty((n, 8))
+    for h in range(0, BATCH, 8):
+        x0, x1, x2, x3, x4, x5, x6, x7 = x[h], x[h + 1], x[h + 2], x[h + 3], x[h + 4], x[h + 5], x[h + 6], x[h + 7]
+        for k in range(n):
+            for q in range(8):
+                c[k, q] = lines[h + q, k]
+        for i in range(n - 1):
+            t0, t1, t2, t3, t4, t5, t6, t7 = c[n - 1, 0], c[n - 1, 1], c[n - 1, 2], c[n - 1, 3], c[n - 1, 4], c[n - 1, 5], c[n - 1, 6], c[n - 1, 7]
+            for k in range(n - 2, i - 1, -1):
+                t0 = c[k, 0] + x0 * t0
+                t1 = c[k, 1] + x1 * t1
+                t2 = c[k, 2] + x2 * t2
+                t3 = c[k, 3] + x3 * t3
+                t4 = c[k, 4] + x4 * t4
+                t5 = c[k, 5] + x5 * t5
+                t6 = c[k, 6] + x6 * t6
+                t7 = c[k, 7] + x7 * t7
+                c[k, 0], c[k, 1], c[k, 2], c[k, 3], c[k, 4], c[k, 5], c[k, 6], c[k, 7] = t0, t1, t2, t3, t4, t5, t6, t7
+        for k in range(n):
+            for q in range(8):
+                out[h + q, k] = c[k, q]
 
 
 @njit(**JIT)
 def affine(coef, cx, cy, xu, xv, yu, yv):
     """Powers (n, n) in (u, v) of the polynomial coef at x = cx + xu u + xv v, y = cy + yu u + yv v; exact."""
     n = coef.shape[0]
+    if xv == 0.0 and yu == 0.0:
+        return _moved(coef, cx, xu, cy, yv)
     out, inner = np.zeros((n, n)), np.zeros((n, n))
     for i in range(n - 1, -1, -1):
         # out = out * x + sum_j coef[i, j] y^j, both by Horner on polynomials of growing degree
@@ -110,6 +180,26 @@ def affine(coef, cx, cy, xu, xv, yu, yv):
             for q in range(n - i - p):
                 out[p, q] += inner[p, q]
     return out
+
+
+@njit(**JIT)
+def _moved(coef, cx, xu, cy, yv):
+    """``affine`` without turning: one variable after the other, each by Horner."""
+    n = coef.shape[0]
+    out, half = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n - 1, -1, -1):
+        for k in range(n - 1 - i, 0, -1):
+            for j in range(n - i):
+                half[k, j] = cx * half[k, j] + xu * half[k - 1, j]
+        for j in range(n - i):
+            half[0, j] = cx * half[0, j] + coef[i, j]
+    for j in range(n - 1, -1, -1):
+        for k in range(n - 1 - j, 0, -1):
+            for i in range(n - j):
+                out[k, i] = cy * out[k, i] + yv * out[k - 1, i]
+        for i in range(n - j):
+            out[0, i] = cy * out[0, i] + half[i, j]
+    return out.T.copy()
 
 
 @njit(**JIT)

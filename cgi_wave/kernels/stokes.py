@@ -41,6 +41,7 @@ from cgi_wave.kernels.panels import (
     even_slope,
 )
 from cgi_wave.kernels.polynomials import (
+    JIT,
     affine,
     along_ray,
     bernstein,
@@ -57,7 +58,7 @@ EDGE = 3e-2  # distance of a boundary from a stationary point, in half-widths, b
 ROUND = 0.03  # least det/trace² of the second derivatives at a stationary point from which rays are used
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _centre(f):
     """Stationary point of f by Newton's method from the origin; (x, y, found), found within 2 of it."""
     n, x, y = f.shape[0], 0.0, 0.0
@@ -78,7 +79,7 @@ def _centre(f):
     return x, y, math.hypot(dx, dy) < 1e-12
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _centre_term(f, a, b, w, tol, sums, ws):
     """Adds the stationary point's own term, ∮ C(θ) dθ over a full turn: trapezoidal rule, doubled until good to tol.
 
@@ -87,8 +88,8 @@ def _centre_term(f, a, b, w, tol, sums, ws):
     n, m = f.shape[0], a.shape[0]
     fl, al, bl, wl = np.empty(n), np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0])
     out, before, full, error = np.zeros(4), np.zeros(4), np.zeros(4), 1e300
-    for doubling in range(6):
-        rays = 16 * 2**doubling
+    for doubling in range(7):
+        rays = 8 * 2**doubling
         for q in range(4):
             before[q] = full[q]
             full[q] *= 0.5
@@ -120,7 +121,7 @@ def _centre_term(f, a, b, w, tol, sums, ws):
     return error, True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _choose(f, convert, waves):
     """(mode, cosine, sine, sign of the second derivative, stretch) of the direction in which lines are integrated.
 
@@ -151,7 +152,7 @@ def _choose(f, convert, waves):
     return np.int64(DIRECT_MODE), 1.0, 0.0, 1.0, stretch
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, tol, result):
     """One box in one mode, in the frame centred on (cx, cy), of unit `radius`, turned by the angle of (c, s)."""
     xu, xv, yu, yv = radius * c, -radius * s, radius * s, radius * c
@@ -207,7 +208,7 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _box(panels, f, a, b, w, convert, tol, result):
     """Adds one box's integral to result (8: Re, Im, Re1, Im1, error, ∫|Φ|, largest phase, nodes); False: cut it."""
     cx, cy, radius = _middle(panels)
@@ -234,7 +235,7 @@ def _box(panels, f, a, b, w, convert, tol, result):
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums, ws):
     """Adds the stationary points' own terms: S exp(i 2π f(X(y), y)) over the y that the spans cover on balance.
 
@@ -277,7 +278,7 @@ def _curves(spans, f, a, b, w, bend_sign, stretch, tol, sums, ws):
     return error, nodes, OK
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _turning(px, py):
     """Angle by which a panel turns about the origin, rad, and how near it comes to it: by 16 chords.
 
@@ -297,7 +298,7 @@ def _turning(px, py):
     return total, nearest
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _middle(panels):
     """Centre of the panels' bounding box and the largest distance of the boundary from it."""
     lo_x, hi_x, lo_y, hi_y = 1e300, -1e300, 1e300, -1e300
@@ -315,7 +316,7 @@ def _middle(panels):
     return cx, cy, 1.001 * radius
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def _split(panels, axis, value):
     """The region on both sides of a line (coordinate `axis` = value), as panels; (low, high, ok).
 
@@ -379,7 +380,7 @@ def _split(panels, axis, value):
     return low[:n_low].copy(), high[:n_high].copy(), True
 
 
-@njit(cache=True, nogil=True)
+@njit(**JIT)
 def integrate(panels, f, a, b, w, tol, most_boxes):
     """Integral over the region of a b exp(i 2π f), and of w a b exp(i 2π f).
 
