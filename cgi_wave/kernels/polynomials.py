@@ -146,7 +146,16 @@ def taylors(lines, x, out):
             for q in range(8):
                 c[k, q] = lines[h + q, k]
         for i in range(n - 1):
-            t0, t1, t2, t3, t4, t5, t6, t7 = c[n - 1, 0], c[n - 1, 1], c[n - 1, 2], c[n - 1, 3], c[n - 1, 4], c[n - 1, 5], c[n - 1, 6], c[n - 1, 7]
+            t0, t1, t2, t3, t4, t5, t6, t7 = (
+                c[n - 1, 0],
+                c[n - 1, 1],
+                c[n - 1, 2],
+                c[n - 1, 3],
+                c[n - 1, 4],
+                c[n - 1, 5],
+                c[n - 1, 6],
+                c[n - 1, 7],
+            )
             for k in range(n - 2, i - 1, -1):
                 t0 = c[k, 0] + x0 * t0
                 t1 = c[k, 1] + x1 * t1

@@ -1,7 +1,7 @@
 """Where several clearances are positive together, on grids; and the range of polynomials there.
 
-Clearances are Chebyshev products coef[i, j] T_i(X) T_j(Y), i + j < n, on coordinates (u − centre) / scale of the support
-they belong to, which is an ellipse of unit radius in these.
+Clearances are Chebyshev products coef[i, j] T_i(X) T_j(Y), i + j < n, on coordinates (u − centre) / scale of the
+support they belong to, which is an ellipse of unit radius in these.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _needless(grid, cell, keep, k):
 
 @njit(**JIT)
 def _bounding(first, last):
-    """Which clearances, given on two grids (K, G, G), can bound the region: the others stay positive where the rest are.
+    """Which clearances, given on two grids (K, G, G), can bound the region: the others are positive where the rest are.
 
     All comparisons leave the change over one cell as a margin. Clearances go one by one, the most positive first. One
     of the grids has to cover all that rays can reach, or a piece that only a dropped clearance excludes would appear.

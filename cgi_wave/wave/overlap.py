@@ -29,7 +29,9 @@ from cgi_wave.wave.region import (
 from cgi_wave.wave.stokes import BOUNDARY_METHOD as BOUNDARY
 from cgi_wave.wave.stokes import NO_FACTOR, boundary_integral
 
-FEW_WAVES = 12.0  # spread of the path difference, in waves, up to which panels are the cheaper way (docs/contrast.md)
+# Spread of the path difference, in waves, up to which panels are the cheaper way, and the number of wavenumbers from
+# which they are: these share their nodes (docs/contrast.md).
+FEW_WAVES, MANY_TONES = 12.0, 4
 CURVES = 1e-3  # error of the boundary's curves, frame units, for a tolerance of 1
 NODE_LIMIT = 129  # wavenumbers at which one pair may be computed
 _TINY = 1e-3  # |value| below which the slope is the plain mean: the weighted one loses its meaning
@@ -167,8 +169,9 @@ def _flat(pair: _Pair, around: Boundary, still: slice) -> tuple[Rough, float, fl
 
 
 def _auto(pair: _Pair, tol: float) -> tuple[Integral, str]:
-    """Panels for a few waves, where all wavenumbers share their nodes; along the boundary beyond, or the other way."""
-    order = (_panels, _boundary) if spread(pair.region, pair.phase) <= FEW_WAVES else (_boundary, _panels)
+    """Panels for many wavenumbers of few waves, since they share nodes, else along the boundary; or the other way."""
+    few = len(pair.phase) >= MANY_TONES and spread(pair.region, pair.phase) <= FEW_WAVES
+    order = (_panels, _boundary) if few else (_boundary, _panels)
     try:
         return order[0](pair, tol)
     except MethodLimitError as first:
@@ -190,7 +193,8 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6, metho
 
     ``tol`` is the numerical error allowed on ``value``; the misfit of the two fields comes on top in the bound. Fields
     whose supports do not meet give exactly 0 with bound 0. ``method``: "panels" (Gauss panels over the area),
-    "boundary" (boundary integrals by steepest descent), or "auto": panels up to FEW_WAVES waves, the boundary beyond.
+    "boundary" (boundary integrals by steepest descent), or "auto": panels for MANY_TONES or more wavenumbers of up to
+    FEW_WAVES waves, the boundary otherwise.
 
     Raises MethodLimitError beyond the node cap (naming waves and factor) or outside the fields' wavenumbers,
     InputError for fields of different spaces or reference points, or a method of another name.
