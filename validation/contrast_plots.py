@@ -118,4 +118,4 @@ def _notes(ax: Any, curves: dict[str, Curve]) -> None:
     for k in range(0, len(nothing), 2):
         lines.append((("refused: " if k == 0 else "   ") + ", ".join(nothing[k : k + 2]), "#555555"))
     for k, (text, colour) in enumerate(lines):
-        ax.text(0.5, 0.97 - 0.048 * k, text, transform=ax.transAxes, fontsize=7.5, va="top", color=colour, zorder=6)
+        ax.text(0.62, 0.97 - 0.048 * k, text, transform=ax.transAxes, fontsize=7.5, va="top", color=colour, zorder=6)
