@@ -77,7 +77,7 @@ def curve(
     expected: Callable[[Any, Any, float], float],
     seconds: float,
     what: str,
-    most: float = 0.3,
+    most: float = 0.15,
 ) -> Curve:
     """Time and true error for each of ``values``, until one is refused or expected to take more than ``seconds``.
 
@@ -127,7 +127,7 @@ def _peer(name: str, peer: Peer, pair: HopkinsPair, truth: complex, seconds: flo
     sizes = [n for n in SAMPLES if n <= most]
     found = curve(
         lambda n: peer(pair, n), sizes, truth, lambda n, before, spent: spent * (n / (before or n)) ** 2, seconds,
-        "samples", 2.0 if seconds == PEER_SECONDS else 0.3,
+        "samples", 1.0 if seconds >= PEER_SECONDS else 0.15,
     )  # fmt: skip
     return Curve(found.points, f"all asked for, up to {most} samples") if found.end == "all asked for" else found
 
