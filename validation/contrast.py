@@ -1,10 +1,11 @@
 """The study `contrast`: error bounds of the overlap contrast against two oracles, its speed, and its peers.
 
-    uv run python -m validation.contrast [--json] [--cases N] [--jobs J] [--out DIR]
+    uv run --group validation python -m validation.contrast [--json] [--cases N] [--jobs J] [--out DIR]
 
 Random and adversarial cases (see `validation/cases.py`) go through both oracles, which have to agree, and through the
-method. Whatever the oracles say is kept in DIR/oracles: a second run computes only what is new. Charts of time against
-true error, and the report, are written to DIR. Progress goes to standard error.
+method. Oracle values for most pairs come with the source; `--minutes` computes others, and keeps them in DIR/oracles.
+Charts of time against true error, and the report, are written to DIR. Some eight minutes; progress goes to standard
+error.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ import math
 import platform
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 import cgi_wave
-from cgi_wave.errors import CgiWaveError
+from cgi_wave.errors import CgiWaveError, InputError
 from cgi_wave.report.output import to_json
 from cgi_wave.wave.hopkins import HopkinsPair
 from cgi_wave.wave.methods.auto import method
@@ -35,6 +37,8 @@ from validation.oracles.agree import Reference, disagreement, progress, referenc
 Method = Callable[[HopkinsPair, float], Estimate]
 TOLERANCE = 1e-8
 OUT = Path("out/validation/contrast")
+#: That a point of a chart may be expected to take.
+SECONDS = 1.0
 
 
 def relative_tolerance(w020: float) -> float:
@@ -147,23 +151,25 @@ def study(
     cases: int = 11500,
     seed: int = 1,
     method: Method = package,
-    methods: Sequence[OverlapMethod] = (),
+    methods: Mapping[str, OverlapMethod] = MappingProxyType({}),
     out: Path = OUT,
     jobs: int = 1,
     largest: float = math.inf,
     charts: bool = True,
     samples: int = 4096,
-    minutes: float = 20.0,
+    minutes: float = 0.0,
+    seconds: float = SECONDS,
     say: Callable[[str], None] = progress,
 ) -> dict[str, Any]:
     """Runs the study, writes DIR/report.md with its charts and DIR/contrast.json, returns the figures.
 
-    cases : random ones, beside all adversarial ones; method : what is judged; methods : objects for the charts beside
-    it; jobs : threads for the oracles; minutes : that they may take for what is not on disk, the cheapest cases first
-    (`not_computed` says how many were left; inf for all). For trying out: largest : waves, leaves out cases and regimes
-    above it; samples : across the pupil, the most that peers are given.
+    cases : random ones, beside all adversarial ones; method : what is judged; methods : for the charts beside it, by
+    name; jobs : threads for the oracles; minutes : that they may take for what is not on disk, the cheapest cases first
+    (`not_computed` says how many were left; inf for all); seconds : that a point of a chart may take before its curve
+    ends (see ``contrast_charts``). For trying out: largest : waves, leaves out cases and regimes above it; samples :
+    across the pupil, the most that peers are given.
     """
-    from validation import contrast_report, contrast_speed
+    from validation import contrast_charts, contrast_report, contrast_speed
 
     out.mkdir(parents=True, exist_ok=True)
     drawn, hard = library.random_cases(cases, seed), library.adversarial_cases(largest)
@@ -172,6 +178,8 @@ def study(
     left = [c for c, r in zip(every, asked, strict=True) if r is None]
     every = [c for c, r in zip(every, asked, strict=True) if r is not None]
     truth = [r for r in asked if r is not None]
+    if not truth:
+        raise InputError("study contrast", "minutes", minutes, "leave no value of the oracles", "give --minutes 20")
     differing = [disagreement(c, r) for c, r in zip(every, truth, strict=True) if not r.agreed]
     runs: list[Run] = []
     for number, (case, reference) in enumerate(zip(every, truth, strict=True)):
@@ -207,7 +215,7 @@ def study(
         **contrast_speed.timings(method, out, seed, jobs, largest, say),
     }
     if charts:
-        result |= contrast_speed.charts(method, methods, out, jobs, largest, samples, say)
+        result |= contrast_charts.charts(method, methods, out, jobs, largest, samples, seconds, say)
     result["provenance"] = {
         "version": cgi_wave.__version__, "seed": seed, "python": platform.python_version(),
         "numpy": np.__version__, "machine": platform.processor() or platform.machine(),
@@ -227,17 +235,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--jobs", type=int, default=1, help="threads for the oracles")
     parser.add_argument(
-        "--minutes", type=float, default=20.0, help="for oracle values not on disk (default %(default)s, inf for all)"
-    )
+        "--minutes", type=float, default=0.0,
+        help="for oracle values that do not come with the source (default %(default)s, inf for all: hours)",
+    )  # fmt: skip
     parser.add_argument("--largest", type=float, default=math.inf, help="leave out cases with more waves than this")
     parser.add_argument("--samples", type=int, default=4096, help="most samples across the pupil given to peers")
+    parser.add_argument(
+        "--seconds-per-point", type=float, default=SECONDS,
+        help="a chart's curve ends where its next point would take longer (default %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--no-charts", dest="charts", action="store_false")
     options = parser.parse_args(arguments)
     try:
         result = study(
-            options.cases, options.seed, METHODS[options.method], [method(n) for n in CHARTED],
+            options.cases, options.seed, METHODS[options.method], {n: method(n) for n in CHARTED},
             options.out, options.jobs, options.largest,
-            options.charts, options.samples, options.minutes,
+            options.charts, options.samples, options.minutes, options.seconds_per_point,
         )  # fmt: skip
     except KeyboardInterrupt:
         print(f"interrupted; what the oracles said is in {options.out / 'oracles'}", file=sys.stderr)

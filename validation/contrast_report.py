@@ -43,6 +43,12 @@ def report(result: dict[str, Any]) -> str:
         rows = [{"peer": name, **row} for name, row in result["speedup_vs_peers"].items()]
         columns = tuple(rows[0]) if rows else ("peer",)
         lines += _table("Peers' time over ours at equal true error, W020 = 137.3", rows, columns)
+        lines += [
+            f"Charts: a curve ends where its next point would take more than {result['seconds_per_point']:g} s "
+            f"(peers at 137.3 waves get all samples); {result['curves_cut_short']} curves do. Why each ends stands in "
+            "contrast.json, as `curves_end`.",
+            "",
+        ]
         lines += [f"![time against true error]({name})" for name in result["charts"]]
     made = result["provenance"]
     return "\n".join([*lines, "", "Made with " + ", ".join(f"{k} {v}" for k, v in made.items()) + ".", ""])

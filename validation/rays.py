@@ -145,16 +145,25 @@ def nothing() -> None:
     """Preparation for what needs none."""
 
 
-def best_times(timed: tuple[Timed, ...], repeats: int = 9) -> list[float]:
-    """Shortest of several runs of each function, s; they take turns, so that a busy machine slows all of them."""
-    best = [float("inf")] * len(timed)
-    for _ in range(repeats):
+def run_times(timed: tuple[Timed, ...], repeats: int = 9, seconds: float = 0.0) -> list[list[float]]:
+    """Times of several runs of each function, s, at least ``repeats`` of them and ``seconds`` in all.
+
+    They take turns, so that a busy machine slows all of them.
+    """
+    times: list[list[float]] = [[] for _ in timed]
+    begun = time.perf_counter()
+    while len(times[0]) < repeats or time.perf_counter() - begun < seconds:
         for k, (prepare, function) in enumerate(timed):
             made = prepare()
             start = time.perf_counter()
             function(made)
-            best[k] = min(best[k], time.perf_counter() - start)
-    return best
+            times[k].append(time.perf_counter() - start)
+    return times
+
+
+def best_times(timed: tuple[Timed, ...], repeats: int = 9) -> list[float]:
+    """Shortest of several runs of each function, s, taking turns."""
+    return [min(times) for times in run_times(timed, repeats)]
 
 
 def speed(name: str, tilted: bool, count: int) -> dict[str, Any]:
@@ -180,11 +189,11 @@ def speed(name: str, tilted: bool, count: int) -> dict[str, Any]:
     one: Timed = (nothing, lambda _: trace(sequence, p, theta))
     own, other = (work / t for t in best_times((one, (lambda: launch(p, theta), run))))
     # By themselves and often: two threads need a moment in which no other program is on either processor.
-    alone, two = (
-        work / t for t in best_times((one, (nothing, lambda _: trace(sequence, p, theta, threads=2))), repeats=40)
-    )
+    two: Timed = (nothing, lambda _: trace(sequence, p, theta, threads=2))
+    on_one, on_two = run_times((one, two), repeats=40, seconds=6.0)
     return {"lens": name, "tilted": tilted, "rays": count, "surfaces": len(sequence.names), "ray_surfaces_per_s": own,
-            "batoid_ray_surfaces_per_s": other, "ratio": own / other, "two_threads": two / alone,
+            "batoid_ray_surfaces_per_s": other, "ratio": own / other, "two_threads": min(on_one) / min(on_two),
+            "two_threads_median": float(np.median(on_one) / np.median(on_two)), "two_threads_runs": len(on_two),
             "two_threads_processor_time": processor_time(2) / processor_time(1)}  # fmt: skip
 
 
@@ -213,8 +222,9 @@ def study(count: int = 2000) -> tuple[dict[str, Any], dict[str, list[dict[str, A
         "peer": f"batoid {batoid.__version__}",
         "worst": worst,
         "speedup_trace": min(line["ratio"] for line in wanted),
-        # Of the larger fan: what starting a thread costs is then small. Of meaning where two processors are idle only.
-        "thread_scaling": wanted[-1]["two_threads"],
+        # The smaller of both fans'; of meaning where two processors are idle only.
+        "thread_scaling": min(line["two_threads"] for line in wanted),
+        "thread_scaling_by_rays": {str(line["rays"]): line["two_threads"] for line in wanted},
         "speedup_ghosts": split["ratio"],
         "memory_bytes_1e7_rays": memory["bytes"],
         "load_average": load,
@@ -251,8 +261,9 @@ def main() -> None:
         print(f"  {line['lens']:14s} {'tilted' if line['tilted'] else '      '} {line['rays']:7d} rays: "
               f"{line['ray_surfaces_per_s'] / 1e6:.0f} M ray surfaces/s, batoid "
               f"{line['batoid_ray_surfaces_per_s'] / 1e6:.0f} M, ratio {line['ratio']:.1f}, "
-              f"two threads {line['two_threads']:.2f} times one ({line['two_threads_processor_time']:.2f} of its "
-              "processor time)")  # fmt: skip
+              f"two threads {line['two_threads']:.2f} times one, in "
+              f"medians of {line['two_threads_runs']} runs {line['two_threads_median']:.2f} "
+              f"({line['two_threads_processor_time']:.2f} of its processor time)")  # fmt: skip
     g, m = result["ghosts"], result["memory"]
     print(f"{g['paths']} paths of the double Gauss, {g['rays']} rays: {g['seconds']:.3f} s, batoid "
           f"{g['batoid_seconds']:.2f} s, ratio {g['ratio']:.1f}")  # fmt: skip

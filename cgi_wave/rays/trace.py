@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -19,7 +17,6 @@ from cgi_wave.kernels.trace import (
     MISS,
     REFLECT,
     REFRACT,
-    SLICE,
     TIR,
     WRONG_SIDE,
     aim_rays,
@@ -31,6 +28,7 @@ from cgi_wave.kernels.trace import (
 from cgi_wave.optics.coatings import CoatingTable
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
+from cgi_wave.rays.sharing import share_out
 
 Array = NDArray[np.float64]
 #: Kinds of trouble in words that the name of a surface follows.
@@ -250,28 +248,6 @@ def trace(sequence: Sequence, p: Array, theta: Array, footprints: bool = False, 
 
     share_out(part, count, threads)
     return Traced(ends[:2].T, ends[2:4].T, ends[4], ends[5], ends[6], status, np.empty((0, 2, count)))
-
-
-def share_out(part: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Call ``part(begin, end)`` for ranges that make up 0 … count; threads fetch the next one when they are done."""
-    if threads < 1:
-        raise InputError("trace", "threads", threads, "is no number of threads", "give 1 or more")
-    # Ranges begin at whole slices, so that every ray has the same place in its slice whoever traces it.
-    length = SLICE * max(1, -(-count // (SLICE * 4 * threads)))
-    left = iter([(begin, min(begin + length, count)) for begin in range(0, count, length)])
-
-    def work() -> None:
-        for begin, end in left:
-            part(begin, end)
-
-    if threads == 1 or count <= length:
-        work()
-        return
-    with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(work) for _ in range(threads - 1)]
-        work()  # the caller is one of them: it would wait, and starting a thread takes as long as 20 000 ray surfaces
-        for done in others:
-            done.result()
 
 
 def _run(sequence: Sequence, p: Array, theta: Array, footprints: bool, of: str = "") -> tuple[Traced, Array]:

@@ -14,6 +14,7 @@ from cgi_wave.kernels.trace import BEYOND, FILM, NUMBER
 from cgi_wave.kernels.tree import ARRIVE, BEND, FATES, MEET, OFF_TABLE, SUMS, VIGNETTED, trace_branches
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
+from cgi_wave.rays.sharing import check_threads
 from cgi_wave.rays.trace import WORDS, Sequence, compile_sequence, pad_films
 
 Array = NDArray[np.float64]
@@ -200,8 +201,7 @@ def stream_tree(tree: Tree, fan: Fan, count: int, threads: int = 1) -> Arrivals:
 
     fan has to give the same rays for the same numbers, on any thread. The result does not depend on ``threads``.
     """
-    if threads < 1:
-        raise InputError("trace", "threads", threads, "is no number of threads", "give 1 or more")
+    check_threads(threads)
     sums, lost = np.zeros((len(tree.paths), SUMS)), np.zeros((tree.operations.shape[1], FATES), dtype=np.int64)
 
     def block(begin: int) -> tuple[Array, Ints]:
