@@ -75,20 +75,24 @@ def in_light(values, disc, residual):
     rows, size = values.shape[0], values.shape[1]
     kept = np.ones(rows, np.bool_)
     low = np.full(rows, np.inf)
-    # The least two clearances at each node, and which they are: what the others leave when one is taken away.
-    one, two = np.empty((size, size)), np.empty((size, size))
-    first, second = np.empty((size, size), np.int64), np.empty((size, size), np.int64)
+    # The least two clearances at each node, and which the first of them is: what the others leave when one is taken away.
+    one, two, first = np.empty((size, size)), np.empty((size, size)), np.empty((size, size), np.int64)
     rest = np.empty((size, size))
+    cuts = np.zeros(rows, np.bool_)
     for i in range(size):
+        _least_two(values[:, i], kept, one[i], two[i], first[i])
         for j in range(size):
-            _least_two(values, kept, i, j, one, two, first, second)
             if one[i, j] > 0.0 and disc[i, j] > 0.0:
                 for k in range(rows):
                     low[k] = min(low[k], values[k, i, j])
+            elif disc[i, j] > 0.0 and two[i, j] > 0.0:
+                cuts[first[i, j]] = True  # dark by this one alone
     left = rows
     for k in np.argsort(-low):
         if left < 3:
             break
+        if cuts[k]:
+            continue
         least, step = np.inf, 0.0
         for i in range(size):
             for j in range(size):
@@ -116,25 +120,22 @@ def in_light(values, disc, residual):
             kept[k] = False
             left -= 1
             for i in range(size):
-                for j in range(size):
-                    if first[i, j] == k or second[i, j] == k:
-                        _least_two(values, kept, i, j, one, two, first, second)
+                _least_two(values[:, i], kept, one[i], two[i], first[i])
     return kept
 
 
 @njit(**_JIT)
-def _least_two(values, kept, i, j, one, two, first, second):
-    a, b, at_a, at_b = np.inf, np.inf, -1, -1
+def _least_two(values, kept, one, two, first):
+    """The least and the second of the kept rows of values (K, G), (G,) each, and the number of the least."""
+    one[:] = np.inf
+    two[:] = np.inf
     for k in range(values.shape[0]):
-        if not kept[k]:
-            continue
-        v = values[k, i, j]
-        if v < a:
-            b, at_b = a, at_a
-            a, at_a = v, k
-        elif v < b:
-            b, at_b = v, k
-    one[i, j], two[i, j], first[i, j], second[i, j] = a, b, at_a, at_b
+        if kept[k]:
+            for j in range(one.shape[0]):
+                v = values[k, j]
+                two[j] = min(two[j], max(one[j], v))
+                first[j] = k if v < one[j] else first[j]
+                one[j] = min(one[j], v)
 
 
 @njit(**_JIT)

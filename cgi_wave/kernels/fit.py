@@ -167,6 +167,22 @@ def project(q, first, last, residual, share, along):
 
 
 @njit(**_JIT)
+def largest(residual, share, free, chosen):
+    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q, N) and share (N,), which is at least ``free``: over its
+    chosen (Q, N) samples, and over all.
+    """
+    out = np.zeros((residual.shape[0], 2))
+    for v in range(residual.shape[0]):
+        for i in range(residual.shape[1]):
+            misfit = abs(residual[v, i]) / max(share[i], free)
+            if misfit > out[v, 1]:
+                out[v, 1] = misfit
+            if chosen[v, i] and misfit > out[v, 0]:
+                out[v, 0] = misfit
+    return out
+
+
+@njit(**_JIT)
 def combine(c, along, n):
     """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of the first n (n + 1) / 2 rows of c."""
     out = np.zeros((along.shape[0], n, n))

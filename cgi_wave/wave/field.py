@@ -154,6 +154,13 @@ class _Fits:
             ]  # fmt: skip
         values = [samples.clearance[:, s][:, inside[s]] for s in range(count)]
         self._values, self._edge = values, [_near_zero(v, on) for v, on in zip(values, self._lit, strict=True)]
+        # Misfits count where light is, and for clearances near their zeros.
+        self._chosen = []
+        for group, on in zip(self._groups, self._lit, strict=True):
+            self._chosen.append(np.tile(on, (len(group.residual), 1)))
+        middle_group = 0 if self._shared else middle
+        row = self._rest()[1]
+        self._chosen[middle_group][row : row + self._clearances] = self._edge[middle]
         self._rms = max(float(np.sqrt(np.mean(samples.amplitude[lit] ** 2))), 1e-300)
 
     def _place(self, s: int) -> tuple[Nested, int]:
@@ -169,25 +176,24 @@ class _Fits:
         """Go on to n terms per axis."""
         for group in self._groups:
             group.grow(n)
-        misfits = [np.abs(group.misfit()) for group in self._groups]
+        worst = [group.largest(chosen) for group, chosen in zip(self._groups, self._chosen, strict=True)]
         opl = amplitude = 0.0
-        for s, lit in enumerate(self._lit):
-            misfit, row = (misfits[0], 2 * s) if self._shared else (misfits[s], 0)
-            worst = misfit[row : row + 2][:, lit].max(axis=1)
-            opl, amplitude = max(opl, float(worst[0])), max(amplitude, float(worst[1]))
+        for s in range(len(self._lit)):
+            group, row = (0, 2 * s) if self._shared else (s, 0)
+            opl, amplitude = max(opl, float(worst[group][row, 0])), max(amplitude, float(worst[group][row + 1, 0]))
         here, row = self._rest()
-        clearance = misfits[self._groups.index(here)][row : row + self._clearances]
-        edge = self._clearance_misfit(clearance, here, row, n)
+        clearance = worst[self._groups.index(here)][row : row + self._clearances]
+        edge = self._clearance_misfit(clearance[:, 0], here, row, n)
         score = 2.0 * np.pi * float(self._samples.sigma[-1]) * opl + amplitude / self._rms + float(edge.min())
-        return _Trial(n, opl, amplitude, edge, clearance.max(axis=1), score)
+        return _Trial(n, opl, amplitude, edge, clearance[:, 1], score)
 
     def _clearance_misfit(self, own: Array, here: Nested, row: int, n: int) -> Array:
-        """(K,) largest misfit of each clearance near its zero; ``own`` (K, N): leave-one-out, at the middle sigma.
+        """(K,) largest misfit of each clearance near its zero; ``own`` (K,): leave-one-out, at the middle sigma.
 
         One clearance polynomial serves all wavenumbers: its change with sigma is an error of it.
         """
         last = row + self._clearances
-        worst = np.where(self._edge[self._middle], own, 0.0).max(axis=1)
+        worst = own
         for s, value in enumerate(self._values):
             if s == self._middle:
                 continue
@@ -209,6 +215,11 @@ class _Fits:
         """(K, n, n) clearances at the middle sigma."""
         group, row = self._rest()
         return group.coefficients(slice(row, row + self._clearances), n)
+
+    def clearance(self, k: int, n: int) -> Array:
+        """(n, n) one clearance at the middle sigma."""
+        group, row = self._rest()
+        return group.coefficients(slice(row + k, row + k + 1), n)[0]
 
     def directions(self, n: int) -> Array:
         """(2, n, n) direction cosines at the middle sigma."""
@@ -261,7 +272,7 @@ def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Arr
         simple = next((t for t in trials if t.n < best.n and t.clearance_misfit[k] <= enough), None)
         if simple is not None:
             coef[k] = 0.0
-            coef[k, : simple.n, : simple.n] = fits.clearances(simple.n)[k]
+            coef[k, : simple.n, : simple.n] = fits.clearance(k, simple.n)
             residual[k] = simple.clearance_misfit[k]
     return best, coef, residual
 
@@ -295,8 +306,7 @@ def fit_field(
     fits = _Fits(samples, x, inside, lit, tried[-1] + 1)
     trial, simple, residual = _choose(fits, tried, target)
     middle = samples.sigma.size // 2
-    least = samples.clearance[:, lit].min(axis=1)
-    cut = cutting(least, trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
+    cut = cutting(samples.clearance[:, lit], trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
     support = unshadowed(Support(centre, scale, simple[cut], residual[cut]))
     support = fenced(support, x[middle][lit[middle]], spacing, samples.label)
     opl, amplitude = fits.paths(trial.n)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cgi_wave.kernels import fit
 from cgi_wave.wave.basis import Array
@@ -37,6 +38,11 @@ class Nested:
     def misfit(self) -> Array:
         """(Q, N) leave-one-out misfits, by the hat matrix."""
         return self.residual / np.maximum(self._share, _FREE)
+
+    def largest(self, chosen: NDArray[np.bool_]) -> Array:
+        """(Q, 2) largest leave-one-out misfit of each of the values, over its chosen (Q, N) samples and over all."""
+        found: Array = fit.largest(self.residual, self._share, _FREE, chosen)
+        return found
 
     def coefficients(self, rows: slice, n: int) -> Array:
         """(Q', n, n) Chebyshev coefficients of some of the values, for total degrees below n (the present or lower)."""

@@ -36,15 +36,20 @@ def domain(samples: PupilSamples, lit: NDArray[np.bool_]) -> tuple[Array, Array,
     return centre, half * reach * (1.0 + MARGIN * spacing), spacing
 
 
-def cutting(least: Array, worst: Array, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
+def cutting(values: Array, worst: Array, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
     """(K,) which clearances can reach zero within two sample spacings of the lit samples.
 
-    least (K,): their smallest value there; worst (K,): largest misfit; coef (K, n, n), x (N, 2): polynomials and points
-    at the middle sigma.
+    values (K, M): theirs at all wavenumbers; worst (K,): largest misfit; coef (K, n, n), x (N, 2): polynomials and points at
+    the middle sigma.
     """
-    slopes = polynomials(coef, x)[:, 1:]
-    steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
-    cut: NDArray[np.bool_] = least < 2.0 * spacing * steepest + worst
+    least = values.min(axis=1)
+    # Within the unit disc a slope of half the range is met somewhere.
+    cut: NDArray[np.bool_] = least < spacing * (values.max(axis=1) - least) + worst
+    doubtful = np.flatnonzero(~cut)
+    if len(doubtful):
+        slopes = polynomials(coef[doubtful], x)[:, 1:]
+        steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
+        cut[doubtful] = least[doubtful] < 2.0 * spacing * steepest + worst[doubtful]
     return cut
 
 
