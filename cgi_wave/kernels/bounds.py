@@ -94,24 +94,24 @@ def in_light(values, disc, residual):
         if cuts[k]:
             continue
         least, step = np.inf, 0.0
+        own = values[k]
         for i in range(size):
             for j in range(size):
-                here = min(two[i, j] if first[i, j] == k else one[i, j], disc[i, j])
-                rest[i, j] = here
-                if here > 0.0:
-                    least = min(least, values[k, i, j])
-        for i in range(size):
+                rest[i, j] = min(two[i, j] if first[i, j] == k else one[i, j], disc[i, j])
             for j in range(size):
-                here, own = rest[i, j], values[k, i, j]
-                for axis in range(2):
-                    if (i if axis == 0 else j) == 0:
-                        continue
-                    there = rest[i - 1, j] if axis == 0 else rest[i, j - 1]
-                    if (here > 0.0) == (there > 0.0):
-                        continue
-                    other = values[k, i - 1, j] if axis == 0 else values[k, i, j - 1]
-                    least = min(least, own + here / (here - there) * (other - own))
-                    step = max(step, abs(other - own))
+                least = min(least, own[i, j] if rest[i, j] > 0.0 else np.inf)
+        for i in range(size):
+            for j in range(1, size):
+                if (rest[i, j] > 0.0) != (rest[i, j - 1] > 0.0):
+                    change = own[i, j - 1] - own[i, j]
+                    least = min(least, own[i, j] + rest[i, j] / (rest[i, j] - rest[i, j - 1]) * change)
+                    step = max(step, abs(change))
+        for i in range(1, size):
+            for j in range(size):
+                if (rest[i, j] > 0.0) != (rest[i - 1, j] > 0.0):
+                    change = own[i - 1, j] - own[i, j]
+                    least = min(least, own[i, j] + rest[i, j] / (rest[i, j] - rest[i - 1, j]) * change)
+                    step = max(step, abs(change))
         worst = 0.0
         for j in range(rows):
             if kept[j] and j != k:

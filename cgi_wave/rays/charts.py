@@ -107,8 +107,12 @@ def ray_phase(sequence: Sequence, p: Array, theta: Array, dx: Array, dq: Array, 
     """
     crossed = caustics(sequence, p, theta, "p")
     # From position to u by stationary phase: exp(iπ/4 · signature of ∂u/∂x).
-    bent = dq @ np.linalg.inv(dx) - bend * np.eye(2)
-    signature = np.sign(np.linalg.eigvals(bent).real).sum()
+    # Both eigenvalues have the sign of the trace, or opposite ones.
+    (a, b), (c, d) = dx.tolist()
+    inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+    (a, b), (c, d) = (dq @ inverse).tolist()
+    a, d = a - bend, d - bend
+    signature = 2.0 * np.sign(a + d) if a * d - b * c > 0.0 else 0.0
     return float(sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature)
 
 
