@@ -15,6 +15,7 @@ from numba import njit
 
 _BLOCK = 4  # rows that are freed of as many others at once: what they share stays in registers
 _TWICE = 0.5  # a row that loses more than this share of its length to others is freed of them again
+_SLICE = 64  # points that are looked up together
 _GONE = 1e-9  # a row that keeps no more than this depends on the others
 
 _JIT = {"cache": True, "nogil": True}
@@ -243,4 +244,36 @@ def polynomials(coef, x):
                 by_x += row * dt[0, i]
                 by_y += slope * t[0, i]
             out[k, 0, p], out[k, 1, p], out[k, 2, p] = value, by_x, by_y
+    return out
+
+
+@njit(**_JIT)
+def values(coef, x):
+    """Values (K, N) of Chebyshev products coef (K, n, m), any i and j, at points x (N, 2), in slices of which loops vectorise."""
+    n, m, count = coef.shape[1], coef.shape[2], x.shape[0]
+    out = np.empty((coef.shape[0], count))
+    tx, ty, row, total = np.empty((n, _SLICE)), np.empty((m, _SLICE)), np.empty(_SLICE), np.empty(_SLICE)
+    for first in range(0, count, _SLICE):
+        size = min(_SLICE, count - first)
+        for axis, t in ((0, tx), (1, ty)):
+            for p in range(size):
+                t[0, p] = 1.0
+            if t.shape[0] > 1:
+                for p in range(size):
+                    t[1, p] = x[first + p, axis]
+            for k in range(2, t.shape[0]):
+                for p in range(size):
+                    t[k, p] = 2.0 * t[1, p] * t[k - 1, p] - t[k - 2, p]
+        for k in range(coef.shape[0]):
+            total[:] = 0.0
+            for i in range(n):
+                row[:] = 0.0
+                for j in range(m):
+                    c = coef[k, i, j]
+                    if c != 0.0:
+                        for p in range(size):
+                            row[p] += c * ty[j, p]
+                for p in range(size):
+                    total[p] += row[p] * tx[i, p]
+            out[k, first : first + size] = total[:size]
     return out

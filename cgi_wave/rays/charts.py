@@ -83,11 +83,13 @@ def rays_from_points(
             phantom / len(points),
             "give the aperture that stops them",
         )
-    traced, p = found.traced.some(keep), points[keep]
+    traced, p, dx, dq = found.traced, points, found.dx, found.dq
+    if not keep.all():
+        traced, p, dx, dq = traced.some(keep), p[keep], dx[keep], dq[keep]
     q, opl = in_chart(traced, p, theta, x0, 0.0)
     pupil = 1.0 - (p**2).sum(axis=1) / system.pupil_radius**2
     clearance = np.concatenate([pupil[None], clearance_rows(sequence.aperture, traced.foot)])
-    return PupilRays(sequence, theta, p, traced.x - x0, q, opl, traced.power, clearance, found.dx[keep], found.dq[keep])
+    return PupilRays(sequence, theta, p, traced.x - x0, q, opl, traced.power, clearance, dx, dq)
 
 
 def in_chart(traced: Traced, p: Array, theta: Array, x0: Array, bend: float) -> tuple[Array, Array]:

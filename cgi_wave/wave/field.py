@@ -278,7 +278,11 @@ def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Arr
 
 
 def fit_field(
-    samples: PupilSamples, degree: int | None = None, target: float = TARGET, degrees: Sequence[int] = DEGREES
+    samples: PupilSamples,
+    degree: int | None = None,
+    target: float = TARGET,
+    degrees: Sequence[int] = DEGREES,
+    limit: float = np.inf,
 ) -> PupilField:
     """Fit one beam's samples: path length (per sigma), amplitude, clearances, directions.
 
@@ -288,7 +292,8 @@ def fit_field(
     Clearances that cannot reach zero on the support are dropped.
 
     Raises InputError (a value that is not finite, a wrong shape), EmptyBeamError (no lit sample), MethodLimitError
-    (too few samples; a support that reaches the edge of what was sampled), FoldedFieldError (samples on a line).
+    (too few samples; a support that reaches the edge of what was sampled; phases missed by more than ``limit``, rad, which
+    saves what follows), FoldedFieldError (samples on a line).
     """
     _check(samples)
     lit = np.all(samples.clearance > 0.0, axis=0)
@@ -305,6 +310,14 @@ def fit_field(
     tried = _degrees(samples, inside, degrees if degree is None else (degree,))
     fits = _Fits(samples, x, inside, lit, tried[-1] + 1)
     trial, simple, residual = _choose(fits, tried, target)
+    missed = 2.0 * np.pi * float(samples.sigma[-1]) * trial.opl
+    if missed > limit:
+        raise MethodLimitError(
+            _METHOD,
+            f"{samples.label}: phases are missed by {missed:.2g} rad (limit {limit:.2g})",
+            missed / limit,
+            "trace more rays, or take a part of the pupil",
+        )
     middle = samples.sigma.size // 2
     cut = cutting(samples.clearance[:, lit], trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
     support = unshadowed(Support(centre, scale, simple[cut], residual[cut]))

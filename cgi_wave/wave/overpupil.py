@@ -25,11 +25,13 @@ from cgi_wave.wave.pullback import product_samples, shared
 from cgi_wave.wave.samples import PupilSamples
 
 #: Rays over the whole pupil, by which the chart is chosen, and over a part of it.
-SURVEY, PART = 1000, 500
+SURVEY, PART = 1000, 484
 #: Bends that are tried, in units of the other beam's cone over the ghost's extent on the detector.
 BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Parts into which a pupil is cut at most, and the shared rays without which one is not cut.
 PARTS, FEWEST = 64, 40
+#: A disc of rays that would shrink to no less than this stays as it is.
+SETTLED = 0.9
 #: Misfit allowed where charts are only compared, and by how much what the kept one is off may exceed a difference.
 COMPARED, SAFETY = 1e-5, 2.0
 _METHOD = "field over the pupil"
@@ -186,7 +188,9 @@ def _settle(
         lit = chosen(rays)
         if not lit.any() or lit.mean() >= FILLED:
             break
-        centre, half = bounding_disc(rays.p[lit], half, count)
+        before, (centre, half) = half, bounding_disc(rays.p[lit], half, count)
+        if half > SETTLED * before:  # light of a shape that fills no disc
+            break
     return rays
 
 
@@ -221,9 +225,9 @@ def _parts(
         centre, half, cuts = waiting.pop()
         part = _settle(trace, centre, half, PART, lambda r, cuts=cuts: lit(r, cuts))  # type: ignore[misc]
         inside = lit(part, cuts)
-        field, misfit, refused = _product(part, inside, near, cuts, label, tol)
         at = part.p[inside]
         last = made >= PARTS or len(at) < FEWEST
+        field, misfit, refused = _product(part, inside, near, cuts, label, tol, np.inf if last else tol)
         if field is not None and (misfit <= tol or last):
             yield field
             continue
@@ -248,9 +252,17 @@ def _reach(p: Array) -> float:
 
 
 def _product(
-    rays: RaysOverPupil, inside: NDArray[np.bool_], near: PupilField, cuts: tuple[_Cut, ...], label: str, tol: float
+    rays: RaysOverPupil,
+    inside: NDArray[np.bool_],
+    near: PupilField,
+    cuts: tuple[_Cut, ...],
+    label: str,
+    tol: float,
+    limit: float,
 ) -> tuple[PupilField | None, float, str]:
     """The product as one field over a part of the pupil, and its misfit as a share; None and why none can be fitted.
+
+    limit: misfit of the phase, rad, beyond which none is wanted.
 
     Raises FoldedFieldError if the shared rays, ``inside``, are on more than one sheet.
     """
@@ -270,7 +282,7 @@ def _product(
     samples = product_samples(label, rays.p[same], u[same], opl[same], rays.power[same], det[same], rays.q[same],
                               edges[:, same], rays.phase(first, near.bend), near)  # fmt: skip
     try:
-        field = fit_field(samples, target=tol, degrees=FINE_DEGREES)
+        field = fit_field(samples, target=tol, degrees=FINE_DEGREES, limit=limit)
     except MethodLimitError as limit:
         return None, np.inf, str(limit)
     misfit = 2.0 * np.pi * float(field.sigma[0]) * field.opl_residual
