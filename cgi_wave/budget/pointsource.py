@@ -34,8 +34,8 @@ CONTRAST_TOLERANCE, SHARE = 1e-6, 0.3
 FEWEST_FOR_MAP = 60
 #: Rays of a ghost's field that is good to that; how many more are tried, and up to which excess of the bound.
 FINE_RAYS, FINER_RAYS, NEARLY = 400, 800, 10.0
-#: Misfit of a field's phases, rad over the tolerance, beyond which its contrast is computed only if the ghost's pupil is of no
-#: help.
+#: Misfit of a field's phases, rad over the tolerance, beyond which its contrast is computed only if the ghost's pupil
+#: is of no help.
 HOPELESS = 100.0
 #: Rays and misfit of the nominal field, which stands in every pair.
 NOMINAL_RAYS, NOMINAL_TARGET = 1600, 1e-8

@@ -66,16 +66,18 @@ def bounding(dense, limiting, same):
 
 @njit(**_JIT)
 def in_light(values, disc, residual):
-    """(K,) which clearances, values (K, G, G) on a grid, remain when those go that are positive wherever the others are.
+    """(K,) which clearances, values (K, G, G) on a grid, remain when those go that are positive wherever the others
+    are.
 
-    disc (G, G): clearance of the domain; residual (K,). One goes that exceeds, at nodes where the others are positive and
-    where lines of the grid leave these, the residuals and half of what it changes by from one node to the next there.
-    They go one by one, the most positive first; two remain.
+    disc (G, G): clearance of the domain; residual (K,). One goes that exceeds, at nodes where the others are positive
+    and where lines of the grid leave these, the residuals and half of what it changes by from one node to the next
+    there. They go one by one, the most positive first; two remain.
     """
     rows, size = values.shape[0], values.shape[1]
     kept = np.ones(rows, np.bool_)
     low = np.full(rows, np.inf)
-    # The least two clearances at each node, and which the first of them is: what the others leave when one is taken away.
+    # The least two clearances at each node, and which the first of them is: what the others leave when one is taken
+    # away.
     one, two, first = np.empty((size, size)), np.empty((size, size)), np.empty((size, size), np.int64)
     rest = np.empty((size, size))
     cuts = np.zeros(rows, np.bool_)
@@ -142,8 +144,8 @@ def _least_two(values, kept, one, two, first):
 def beyond(values, axis, normal, height):
     """(D,) beyond which tangents, normal (D, 2) · u = height (D,), clearances may all be positive.
 
-    values (K, G, G) of these on a grid over the unit disc, axis (G,); between two nodes they may change by as much as from one
-    to the next.
+    values (K, G, G) of these on a grid over the unit disc, axis (G,); between two nodes they may change by as much as
+    from one to the next.
     """
     size = axis.shape[0]
     least = np.empty((size, size))
@@ -175,8 +177,8 @@ def beyond(values, axis, normal, height):
 
 @njit(**_JIT)
 def count_open(coef, edge, normal, height):
-    """How many points of an edge (N, 2) lie in the unit disc and within all tangents, and at how many of these all Chebyshev
-    products coef (K, n, n) are positive.
+    """How many points of an edge (N, 2) lie in the unit disc and within all tangents, and at how many of these all
+    Chebyshev products coef (K, n, n) are positive.
     """
     n = coef.shape[1]
     tx, ty = np.empty(n), np.empty(n)

@@ -1,9 +1,9 @@
 """Least squares on scattered samples by polynomials of growing degree, where each degree costs only what it adds.
 
-Polynomials that are orthonormal on the samples are built degree by degree: those of the last degree times x or y, freed of
-those of the last two degrees and of each other. With earlier ones they have nothing in common, since
-⟨x q, p⟩ = ⟨q, x p⟩, and x p is of lower degree than q. So a degree costs what its square asks for, not what all terms
-before it do; and any leading part of the result is the result for that part.
+Polynomials that are orthonormal on the samples are built degree by degree: those of the last degree times x or y, freed
+of those of the last two degrees and of each other. With earlier ones they have nothing in common, since ⟨x q, p⟩ = ⟨q,
+x p⟩, and x p is of lower degree than q. So a degree costs what its square asks for, not what all terms before it do;
+and any leading part of the result is the result for that part.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ def _free_row(q, c, j, low, terms):
 
 @njit(**_JIT)
 def _times(c, degree, axis, out):
-    """Coefficients of x or y (axis) times a polynomial of this degree: rows of products T_i T_j, lowest degree first."""
+    """Coefficients of x or y (axis) times a polynomial of this degree: rows of products T_i T_j, lowest degree
+    first."""
     row = 0
     for d in range(degree + 1):
         for i in range(d + 1):
@@ -107,8 +108,8 @@ def _times(c, degree, axis, out):
 def orthonormalise(q, c, x, first, last):
     """Polynomials of total degrees first…last − 1, orthonormal at points x (N, 2), to go on from those of lower degree.
 
-    q (P, N) receives their values, lowest degree first, and c (P, P), zero there before, their coefficients of the products
-    T_i T_j in the same order. One that depends on the others at the points gets 0.
+    q (P, N) receives their values, lowest degree first, and c (P, P), zero there before, their coefficients of the
+    products T_i T_j in the same order. One that depends on the others at the points gets 0.
     """
     d4 = np.empty((_BLOCK, _BLOCK))
     for degree in range(first, last):
@@ -169,8 +170,8 @@ def project(q, first, last, residual, share, along):
 
 @njit(**_JIT)
 def largest(residual, share, free, chosen):
-    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q, N) and share (N,), which is at least ``free``: over its
-    chosen (Q, N) samples, and over all.
+    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q, N) and share (N,), which is at least ``free``:
+    over its chosen (Q, N) samples, and over all.
     """
     out = np.zeros((residual.shape[0], 2))
     for v in range(residual.shape[0]):
@@ -185,7 +186,8 @@ def largest(residual, share, free, chosen):
 
 @njit(**_JIT)
 def combine(c, along, n):
-    """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of the first n (n + 1) / 2 rows of c."""
+    """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of the first n (n + 1) / 2 rows of
+    c."""
     out = np.zeros((along.shape[0], n, n))
     count = n * (n + 1) // 2
     total = np.empty(count)
@@ -249,7 +251,8 @@ def polynomials(coef, x):
 
 @njit(**_JIT)
 def values(coef, x):
-    """Values (K, N) of Chebyshev products coef (K, n, m), any i and j, at points x (N, 2), in slices of which loops vectorise."""
+    """Values (K, N) of Chebyshev products coef (K, n, m), any i and j, at points x (N, 2), in slices of which loops
+    vectorise."""
     n, m, count = coef.shape[1], coef.shape[2], x.shape[0]
     out = np.empty((coef.shape[0], count))
     tx, ty, row, total = np.empty((n, _SLICE)), np.empty((m, _SLICE)), np.empty(_SLICE), np.empty(_SLICE)

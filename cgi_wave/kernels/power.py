@@ -1,4 +1,5 @@
-"""Compiled integrals of products of amplitudes over a pupil region, ray by ray (see ``kernels.outline``), by adaptive panels.
+"""Compiled integrals of products of amplitudes over a pupil region, ray by ray (see ``kernels.outline``), by adaptive
+panels.
 
 Nothing oscillates here, so that one level of panels tells its own error: by the end of the Legendre series in angle
 through a panel's nodes. Along a ray all is polynomial, and enough nodes are exact.
@@ -26,8 +27,8 @@ _TAIL = np.ascontiguousarray(_LEGENDRE.T * GW * (2.0 * np.arange(GAUSS - _LAST, 
 def products(clear, ellipses, residual, spans, cornered, amp, gx, gw, tol):
     """Integrals over the region of all products of amplitudes amp (S, n, n), powers of the frame.
 
-    residual (K,): error of each clearance; spans (B, 2), cornered (B,): segments of angle; gx, gw: Gauss nodes and weights
-    on (0, 1) that integrate 2 n − 1 powers; tol: absolute error per rad above which a panel is halved.
+    residual (K,): error of each clearance; spans (B, 2), cornered (B,): segments of angle; gx, gw: Gauss nodes and
+    weights on (0, 1) that integrate 2 n − 1 powers; tol: absolute error per rad above which a panel is halved.
 
     Returns (sums (S, S), area, edge: integral of the middle amplitude squared over the strip that the residual leaves
     open, tail: error of the largest square, between: area between boundaries that were taken as one).

@@ -356,8 +356,8 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
            tangent, begin, opl, power, status, clearance, foot, way, cos_in, cos_out):  # fmt: skip
     """Carry one slice through all surfaces, in place: arguments as in ``trace_sequence``, of the slice's length.
 
-    tangent (T, 6, N), foot (K, 2, N): whole, this slice from ``begin`` on, since loops over parts of a slice of theirs would
-    not know that numbers follow each other, and not vectorise. way, cos_in, cos_out: room to work in.
+    tangent (T, 6, N), foot (K, 2, N): whole, this slice from ``begin`` on, since loops over parts of a slice of theirs
+    would not know that numbers follow each other, and not vectorise. way, cos_in, cos_out: room to work in.
     """
     factor, s = 1.0, slice(begin, begin + x.shape[0])
     for k in range(curvature.shape[0]):

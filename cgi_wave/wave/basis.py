@@ -39,7 +39,6 @@ def evaluate(coef: Array, x: Array, y: Array) -> Array:
 
 def at_points(coef: Array, x: Array) -> Array:
     """Values (..., N) of Chebyshev-product polynomials coef (..., n, n) at scaled points x (N, 2)."""
-    n = coef.shape[-1]
     stack = np.ascontiguousarray(coef.reshape(-1, *coef.shape[-2:]))
     found: Array = values(stack, np.ascontiguousarray(x))
     return found.reshape(*coef.shape[:-2], len(x))

@@ -292,8 +292,8 @@ def fit_field(
     Clearances that cannot reach zero on the support are dropped.
 
     Raises InputError (a value that is not finite, a wrong shape), EmptyBeamError (no lit sample), MethodLimitError
-    (too few samples; a support that reaches the edge of what was sampled; phases missed by more than ``limit``, rad, which
-    saves what follows), FoldedFieldError (samples on a line).
+    (too few samples; a support that reaches the edge of what was sampled; phases missed by more than ``limit``, rad,
+    which saves what follows), FoldedFieldError (samples on a line).
     """
     _check(samples)
     lit = np.all(samples.clearance > 0.0, axis=0)
@@ -319,7 +319,9 @@ def fit_field(
             "trace more rays, or take a part of the pupil",
         )
     middle = samples.sigma.size // 2
-    cut = cutting(samples.clearance[:, lit], trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
+    cut = cutting(
+        samples.clearance[:, lit], trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing
+    )
     support = unshadowed(Support(centre, scale, simple[cut], residual[cut]))
     support = fenced(support, x[middle][lit[middle]], spacing, samples.label)
     opl, amplitude = fits.paths(trial.n)

@@ -39,8 +39,8 @@ def domain(samples: PupilSamples, lit: NDArray[np.bool_]) -> tuple[Array, Array,
 def cutting(values: Array, worst: Array, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
     """(K,) which clearances can reach zero within two sample spacings of the lit samples.
 
-    values (K, M): theirs at all wavenumbers; worst (K,): largest misfit; coef (K, n, n), x (N, 2): polynomials and points at
-    the middle sigma.
+    values (K, M): theirs at all wavenumbers; worst (K,): largest misfit; coef (K, n, n), x (N, 2): polynomials and
+    points at the middle sigma.
     """
     least = values.min(axis=1)
     # Within the unit disc a slope of half the range is met somewhere.
