@@ -179,8 +179,8 @@ class _Fits:
         worst = [group.largest(chosen) for group, chosen in zip(self._groups, self._chosen, strict=True)]
         opl = amplitude = 0.0
         for s in range(len(self._lit)):
-            group, row = (0, 2 * s) if self._shared else (s, 0)
-            opl, amplitude = max(opl, float(worst[group][row, 0])), max(amplitude, float(worst[group][row + 1, 0]))
+            at, first = (0, 2 * s) if self._shared else (s, 0)
+            opl, amplitude = max(opl, float(worst[at][first, 0])), max(amplitude, float(worst[at][first + 1, 0]))
         here, row = self._rest()
         clearance = worst[self._groups.index(here)][row : row + self._clearances]
         edge = self._clearance_misfit(clearance[:, 0], here, row, n)

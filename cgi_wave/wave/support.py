@@ -102,16 +102,16 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
 @lru_cache(maxsize=1)
 def _tangents() -> tuple[Array, Array, Array]:
     """Normals of the tangents (TANGENTS, 2), points on the unit circle (256, 2), places along a tangent (101, 1)."""
-    angle, turn = (np.linspace(0.0, 2.0 * np.pi, count, endpoint=False) for count in (TANGENTS, 256))
-    on_circle = (np.column_stack([np.cos(a), np.sin(a)]) for a in (angle, turn))
-    return *on_circle, np.linspace(-1.0, 1.0, 101)[:, None]
+    normal, rim = (np.linspace(0.0, 2.0 * np.pi, count, endpoint=False) for count in (TANGENTS, 256))
+    along = np.linspace(-1.0, 1.0, 101)[:, None]
+    return np.column_stack([np.cos(normal), np.sin(normal)]), np.column_stack([np.cos(rim), np.sin(rim)]), along
 
 
 @lru_cache(maxsize=2)
 def _grid(count: int) -> tuple[Array, Array, Array]:
     """An axis of ``count`` points over the domain, and the Chebyshev polynomials there (count, 32), and transposed."""
     axis = np.linspace(-1.0, 1.0, count)
-    t = np.polynomial.chebyshev.chebvander(axis, 31)
+    t = np.asarray(np.polynomial.chebyshev.chebvander(axis, 31), dtype=np.float64)
     return axis, t, np.ascontiguousarray(t.T)
 
 
