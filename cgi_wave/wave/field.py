@@ -155,22 +155,22 @@ class _Fits:
         values = [samples.clearance[:, s][:, inside[s]] for s in range(count)]
         self._values, self._edge = values, [_near_zero(v, on) for v, on in zip(values, self._lit, strict=True)]
         # Misfits count where light is, and for clearances near their zeros.
-        self._chosen = []
-        for group, on in zip(self._groups, self._lit, strict=True):
-            self._chosen.append(np.tile(on, (len(group.residual), 1)))
-        middle_group = 0 if self._shared else middle
-        row = self._rest()[1]
-        self._chosen[middle_group][row : row + self._clearances] = self._edge[middle]
+        self._chosen = [np.zeros(group.residual.shape, np.bool_) for group in self._groups]
+        for s in range(count):
+            at, row = self._at(s)
+            self._chosen[at][row : row + 2] = self._lit[s]
+        at, row = self._rest()
+        self._chosen[at][row : row + self._clearances] = self._edge[middle]
         self._rms = max(float(np.sqrt(np.mean(samples.amplitude[lit] ** 2))), 1e-300)
 
-    def _place(self, s: int) -> tuple[Nested, int]:
-        """The fit that holds path and amplitude of wavenumber s, and the row at which they stand."""
-        return (self._groups[0], 2 * s) if self._shared else (self._groups[s], 0)
+    def _at(self, s: int) -> tuple[int, int]:
+        """The number of the fit that holds path and amplitude of wavenumber s, and the row at which they stand."""
+        return (0, 2 * s) if self._shared else (s, 0)
 
-    def _rest(self) -> tuple[Nested, int]:
-        """The fit that holds clearances and directions, and the row of the first of them."""
-        group, row = self._place(self._middle)
-        return group, (2 * self._samples.sigma.size if self._shared else row + 2)
+    def _rest(self) -> tuple[int, int]:
+        """The number of the fit that holds clearances and directions, and the row of the first of them."""
+        at, row = self._at(self._middle)
+        return at, (2 * self._samples.sigma.size if self._shared else row + 2)
 
     def grow(self, n: int) -> _Trial:
         """Go on to n terms per axis."""
@@ -179,11 +179,11 @@ class _Fits:
         worst = [group.largest(chosen) for group, chosen in zip(self._groups, self._chosen, strict=True)]
         opl = amplitude = 0.0
         for s in range(len(self._lit)):
-            at, first = (0, 2 * s) if self._shared else (s, 0)
+            at, first = self._at(s)
             opl, amplitude = max(opl, float(worst[at][first, 0])), max(amplitude, float(worst[at][first + 1, 0]))
-        here, row = self._rest()
-        clearance = worst[self._groups.index(here)][row : row + self._clearances]
-        edge = self._clearance_misfit(clearance[:, 0], here, row, n)
+        at, row = self._rest()
+        clearance = worst[at][row : row + self._clearances]
+        edge = self._clearance_misfit(clearance[:, 0], self._groups[at], row, n)
         score = 2.0 * np.pi * float(self._samples.sigma[-1]) * opl + amplitude / self._rms + float(edge.min())
         return _Trial(n, opl, amplitude, edge, clearance[:, 1], score)
 
@@ -207,24 +207,25 @@ class _Fits:
 
     def paths(self, n: int) -> tuple[Array, Array]:
         """Path length (S, n, n), without its mean over the samples, and amplitude (S, n, n)."""
-        places = [self._place(s) for s in range(self._samples.sigma.size)]
-        both = np.array([group.coefficients(slice(row, row + 2), n) for group, row in places])
+        places = [self._at(s) for s in range(self._samples.sigma.size)]
+        both = np.array([self._groups[at].coefficients(slice(row, row + 2), n) for at, row in places])
         return both[:, 0], both[:, 1]
 
     def clearances(self, n: int) -> Array:
         """(K, n, n) clearances at the middle sigma."""
-        group, row = self._rest()
-        return group.coefficients(slice(row, row + self._clearances), n)
+        return self._of_rest(0, self._clearances, n)
 
     def clearance(self, k: int, n: int) -> Array:
         """(n, n) one clearance at the middle sigma."""
-        group, row = self._rest()
-        return group.coefficients(slice(row + k, row + k + 1), n)[0]
+        return self._of_rest(k, k + 1, n)[0]
 
     def directions(self, n: int) -> Array:
         """(2, n, n) direction cosines at the middle sigma."""
-        group, row = self._rest()
-        return group.coefficients(slice(row + self._clearances, row + self._clearances + 2), n)
+        return self._of_rest(self._clearances, self._clearances + 2, n)
+
+    def _of_rest(self, first: int, last: int, n: int) -> Array:
+        at, row = self._rest()
+        return self._groups[at].coefficients(slice(row + first, row + last), n)
 
 
 def _near_zero(value: Array, lit: NDArray[np.bool_]) -> NDArray[np.bool_]:
