@@ -34,6 +34,9 @@ CONTRAST_TOLERANCE, SHARE = 1e-6, 0.3
 FEWEST_FOR_MAP = 60
 #: Rays of a ghost's field that is good to that; how many more are tried, and up to which excess of the bound.
 FINE_RAYS, FINER_RAYS, NEARLY = 400, 800, 10.0
+#: Misfit of a field's phases, rad over the tolerance, beyond which its contrast is computed only if the ghost's pupil
+#: is of no help.
+HOPELESS = 100.0
 #: Rays and misfit of the nominal field, which stands in every pair.
 NOMINAL_RAYS, NOMINAL_TARGET = 1600, 1e-8
 
@@ -176,9 +179,15 @@ def contrast_of(
     """
     sigma0, share = system.sigma0, SHARE * tolerance
     found, why = None, ""
+    rough: PupilField | None = None
     for count in (FINE_RAYS, FINER_RAYS):
         try:
-            here = direction_contrast(fine_field(system, path, theta, x0, tolerance, count), nominal(0.0), share)
+            field = fine_field(system, path, theta, x0, tolerance, count)
+            missed = 2.0 * np.pi * sigma0 * field.opl_residual
+            if missed > HOPELESS * tolerance:
+                rough, why = field, f"phases missed by {missed:.1e} rad over directions"
+                break
+            here = direction_contrast(field, nominal(0.0), share)
         except CgiWaveError as limit:
             why = str(limit)
             break
@@ -189,11 +198,19 @@ def contrast_of(
         if here.error > NEARLY * tolerance:
             break
     trace = partial(rays_from_points, system, path, theta, x0, sigma0)
+    over = refused = None
     try:
         over = contrast_over_pupil(trace, system.pupil_radius, nominal, sigma0, path.label, share)
-    except CgiWaveError:
+    except CgiWaveError as limit:
+        refused = limit
+    if rough is not None and (over is None or over.error + over.charts > tolerance):
+        try:
+            found = direction_contrast(rough, nominal(0.0), share)
+        except CgiWaveError as limit:
+            why = str(limit)
+    if over is None:
         if found is None:
-            raise
+            raise refused or MethodLimitError("contrast", why, 1.0, "trace more rays")
         return found
     error = over.error + over.charts
     if found is not None and found.error <= error:

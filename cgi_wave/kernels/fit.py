@@ -1,7 +1,9 @@
 """Least squares on scattered samples by polynomials of growing degree, where each degree costs only what it adds.
 
-Rows are values of basis functions at the samples, lowest total degree first. They are made orthonormal one by one, so
-that any leading part of the result is the result for that part.
+Polynomials that are orthonormal on the samples are built degree by degree: those of the last degree times x or y, freed
+of those of the last two degrees and of each other. With earlier ones they have nothing in common, since ⟨x q, p⟩ = ⟨q,
+x p⟩, and x p is of lower degree than q. So a degree costs what its square asks for, not what all terms before it do;
+and any leading part of the result is the result for that part.
 """
 
 from __future__ import annotations
@@ -11,34 +13,14 @@ import math
 import numpy as np
 from numba import njit
 
-_BLOCK = 8  # rows that are freed of the earlier ones together: they stay in the first-level cache
-_TWICE = 0.1  # a row that loses more than this share of its length to the earlier ones is freed of them again
+_BLOCK = 4  # rows that are freed of as many others at once: what they share stays in registers
+_TWICE = 0.5  # a row that loses more than this share of its length to others is freed of them again
+_SLICE = 64  # points that are looked up together
+_GONE = 1e-9  # a row that keeps no more than this depends on the others
 
 _JIT = {"cache": True, "nogil": True}
 # Reassociation lets the sums over samples vectorise; NaN and infinity keep their meaning.
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
-
-
-@njit(**_JIT)
-def chebyshev_rows(x, n):
-    """(n (n + 1) / 2, N) products T_i(x) T_j(y), i + j < n, lowest total degree first, at points x (N, 2)."""
-    count = x.shape[0]
-    tx, ty = np.empty((n, count)), np.empty((n, count))
-    for axis, t in ((0, tx), (1, ty)):
-        t[0] = 1.0
-        if n > 1:
-            t[1] = x[:, axis]
-        for k in range(2, n):
-            for p in range(count):
-                t[k, p] = 2.0 * x[p, axis] * t[k - 1, p] - t[k - 2, p]
-    out = np.empty((n * (n + 1) // 2, count))
-    row = 0
-    for degree in range(n):
-        for i in range(degree + 1):
-            for p in range(count):
-                out[row, p] = tx[i, p] * ty[degree - i, p]
-            row += 1
-    return out
 
 
 @njit(**_JIT, fastmath=_FAST)
@@ -55,43 +37,120 @@ def _subtract(a, factor, b):
         a[i] -= factor * b[i]
 
 
-@njit(**_JIT)
-def orthonormalise(q, r, first, last):
-    """Make rows first…last − 1 of q (P, N) orthonormal, to each other and to those before, which are already.
+@njit(**_JIT, fastmath=_FAST)
+def _free_block(a, b, d):
+    """Take out of four rows b (4, N) their parts along four orthonormal rows a; d (4, 4) receives these, [a, b]."""
+    a0, a1, a2, a3 = a[0], a[1], a[2], a[3]
+    b0, b1, b2, b3 = b[0], b[1], b[2], b[3]
+    d00 = d01 = d02 = d03 = d10 = d11 = d12 = d13 = 0.0
+    d20 = d21 = d22 = d23 = d30 = d31 = d32 = d33 = 0.0
+    for i in range(a.shape[1]):
+        p, q, r, s = a0[i], a1[i], a2[i], a3[i]
+        t, u, v, w = b0[i], b1[i], b2[i], b3[i]
+        d00 += p * t
+        d01 += p * u
+        d02 += p * v
+        d03 += p * w
+        d10 += q * t
+        d11 += q * u
+        d12 += q * v
+        d13 += q * w
+        d20 += r * t
+        d21 += r * u
+        d22 += r * v
+        d23 += r * w
+        d30 += s * t
+        d31 += s * u
+        d32 += s * v
+        d33 += s * w
+    for i in range(a.shape[1]):
+        p, q, r, s = a0[i], a1[i], a2[i], a3[i]
+        b0[i] -= p * d00 + q * d10 + r * d20 + s * d30
+        b1[i] -= p * d01 + q * d11 + r * d21 + s * d31
+        b2[i] -= p * d02 + q * d12 + r * d22 + s * d32
+        b3[i] -= p * d03 + q * d13 + r * d23 + s * d33
+    d[0, 0], d[0, 1], d[0, 2], d[0, 3] = d00, d01, d02, d03
+    d[1, 0], d[1, 1], d[1, 2], d[1, 3] = d10, d11, d12, d13
+    d[2, 0], d[2, 1], d[2, 2], d[2, 3] = d20, d21, d22, d23
+    d[3, 0], d[3, 1], d[3, 2], d[3, 3] = d30, d31, d32, d33
 
-    In place; r (P, P), zero there before, upper triangular: the rows that were are rᵀ q. Modified Gram-Schmidt, twice
-    where a row loses much. A row that depends on the earlier ones gets q = 0 and r = 1 on the diagonal, hence a
-    coefficient of 0.
-    """
-    before = np.empty(_BLOCK)
-    for start in range(first, last, _BLOCK):
-        stop = min(start + _BLOCK, last)
-        for j in range(start, stop):
-            before[j - start] = math.sqrt(_dot(q[j], q[j]))
-        for i in range(start):
-            for j in range(start, stop):
-                d = _dot(q[i], q[j])
-                r[i, j] = d
-                _subtract(q[j], d, q[i])
-        for j in range(start, stop):
-            for i in range(start, j):
-                d = _dot(q[i], q[j])
-                r[i, j] = d
-                _subtract(q[j], d, q[i])
-            norm = math.sqrt(_dot(q[j], q[j]))
-            if norm < _TWICE * before[j - start]:
-                for i in range(j):
-                    d = _dot(q[i], q[j])
-                    r[i, j] += d
-                    _subtract(q[j], d, q[i])
-                norm = math.sqrt(_dot(q[j], q[j]))
-            if norm <= 1e-9 * before[j - start]:
-                q[j, :] = 0.0
-                r[j, j] = 1.0
+
+@njit(**_JIT)
+def _free_row(q, c, j, low, terms):
+    """Free row j of q of rows low…j − 1, and its coefficients c with it."""
+    for i in range(low, j):
+        d = _dot(q[i], q[j])
+        _subtract(q[j], d, q[i])
+        _subtract(c[j, :terms], d, c[i, :terms])
+
+
+@njit(**_JIT)
+def _times(c, degree, axis, out):
+    """Coefficients of x or y (axis) times a polynomial of this degree: rows of products T_i T_j, lowest degree
+    first."""
+    row = 0
+    for d in range(degree + 1):
+        for i in range(d + 1):
+            j = d - i
+            half = 0.5 * c[row]
+            if axis == 0:
+                up = (d + 1) * (d + 2) // 2 + i + 1
+                down = up if i == 0 else d * (d - 1) // 2 + i - 1
             else:
-                r[j, j] = norm
-                for i in range(q.shape[1]):
-                    q[j, i] /= norm
+                up = (d + 1) * (d + 2) // 2 + i
+                down = up if j == 0 else d * (d - 1) // 2 + i
+            out[up] += half
+            out[down] += half
+            row += 1
+
+
+@njit(**_JIT)
+def orthonormalise(q, c, x, first, last):
+    """Polynomials of total degrees first…last − 1, orthonormal at points x (N, 2), to go on from those of lower degree.
+
+    q (P, N) receives their values, lowest degree first, and c (P, P), zero there before, their coefficients of the
+    products T_i T_j in the same order. One that depends on the others at the points gets 0.
+    """
+    d4 = np.empty((_BLOCK, _BLOCK))
+    for degree in range(first, last):
+        start, stop = degree * (degree + 1) // 2, (degree + 1) * (degree + 2) // 2
+        if degree == 0:
+            c[0, 0] = 1.0 / math.sqrt(x.shape[0])
+            q[0, :] = c[0, 0]
+            continue
+        for j in range(start, stop):
+            # x times the rows of the last degree, and y times the first of them
+            parent, axis = (j - degree - 1, 0) if j > start else (j - degree, 1)
+            for p in range(x.shape[0]):
+                q[j, p] = x[p, axis] * q[parent, p]
+            _times(c[parent], degree - 1, axis, c[j])
+        low = (degree - 1) * (degree - 2) // 2
+        for j in range(start, stop, _BLOCK):
+            end = min(j + _BLOCK, stop)
+            whole = low + (start - low) // _BLOCK * _BLOCK if end - j == _BLOCK else low
+            for i in range(low, whole, _BLOCK):
+                _free_block(q[i : i + _BLOCK], q[j:end], d4)
+                for a in range(_BLOCK):
+                    for b in range(_BLOCK):
+                        _subtract(c[j + b, :start], d4[a, b], c[i + a, :start])
+            for k in range(j, end):
+                before = math.sqrt(_dot(q[k], q[k]))
+                for i in range(whole, k):
+                    d = _dot(q[i], q[k])
+                    _subtract(q[k], d, q[i])
+                    _subtract(c[k, :stop], d, c[i, :stop])
+                norm = math.sqrt(_dot(q[k], q[k]))
+                if norm < _TWICE * before:
+                    _free_row(q, c, k, low, stop)
+                    norm = math.sqrt(_dot(q[k], q[k]))
+                if norm <= _GONE * before:
+                    q[k, :] = 0.0
+                    c[k, :] = 0.0
+                else:
+                    for i in range(q.shape[1]):
+                        q[k, i] /= norm
+                    for i in range(stop):
+                        c[k, i] /= norm
 
 
 @njit(**_JIT)
@@ -110,21 +169,38 @@ def project(q, first, last, residual, share, along):
 
 
 @njit(**_JIT)
-def solve(r, along, n):
-    """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of n (n + 1) / 2 rows = rᵀ q."""
-    count = n * (n + 1) // 2
+def largest(residual, share, free, chosen):
+    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q, N) and share (N,), which is at least ``free``:
+    over its chosen (Q, N) samples, and over all.
+    """
+    out = np.zeros((residual.shape[0], 2))
+    for v in range(residual.shape[0]):
+        for i in range(residual.shape[1]):
+            misfit = abs(residual[v, i]) / max(share[i], free)
+            if misfit > out[v, 1]:
+                out[v, 1] = misfit
+            if chosen[v, i] and misfit > out[v, 0]:
+                out[v, 0] = misfit
+    return out
+
+
+@njit(**_JIT)
+def combine(c, along, n):
+    """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of the first n (n + 1) / 2 rows of
+    c."""
     out = np.zeros((along.shape[0], n, n))
-    c = np.empty(count)
+    count = n * (n + 1) // 2
+    total = np.empty(count)
     for v in range(along.shape[0]):
-        c[:] = along[v, :count]
-        for j in range(count - 1, -1, -1):
-            c[j] /= r[j, j]
-            for i in range(j):
-                c[i] -= r[i, j] * c[j]
+        total[:] = 0.0
+        for degree in range(n):
+            stop = (degree + 1) * (degree + 2) // 2
+            for j in range(stop - degree - 1, stop):
+                _subtract(total[:stop], -along[v, j], c[j, :stop])
         row = 0
         for degree in range(n):
             for i in range(degree + 1):
-                out[v, i, degree - i] = c[row]
+                out[v, i, degree - i] = total[row]
                 row += 1
     return out
 
@@ -170,4 +246,37 @@ def polynomials(coef, x):
                 by_x += row * dt[0, i]
                 by_y += slope * t[0, i]
             out[k, 0, p], out[k, 1, p], out[k, 2, p] = value, by_x, by_y
+    return out
+
+
+@njit(**_JIT)
+def values(coef, x):
+    """Values (K, N) of Chebyshev products coef (K, n, m), any i and j, at points x (N, 2), in slices of which loops
+    vectorise."""
+    n, m, count = coef.shape[1], coef.shape[2], x.shape[0]
+    out = np.empty((coef.shape[0], count))
+    tx, ty, row, total = np.empty((n, _SLICE)), np.empty((m, _SLICE)), np.empty(_SLICE), np.empty(_SLICE)
+    for first in range(0, count, _SLICE):
+        size = min(_SLICE, count - first)
+        for axis, t in ((0, tx), (1, ty)):
+            for p in range(size):
+                t[0, p] = 1.0
+            if t.shape[0] > 1:
+                for p in range(size):
+                    t[1, p] = x[first + p, axis]
+            for k in range(2, t.shape[0]):
+                for p in range(size):
+                    t[k, p] = 2.0 * t[1, p] * t[k - 1, p] - t[k - 2, p]
+        for k in range(coef.shape[0]):
+            total[:] = 0.0
+            for i in range(n):
+                row[:] = 0.0
+                for j in range(m):
+                    c = coef[k, i, j]
+                    if c != 0.0:
+                        for p in range(size):
+                            row[p] += c * ty[j, p]
+                for p in range(size):
+                    total[p] += row[p] * tx[i, p]
+            out[k, first : first + size] = total[:size]
     return out

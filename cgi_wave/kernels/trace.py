@@ -353,12 +353,13 @@ def table(power, cos_in, cos_out, film, n1, n2):
 
 @njit(**_JIT)
 def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, x, y, z, l, m, n,  # noqa: E741
-           tangent, opl, power, status, clearance, foot, way, cos_in, cos_out):  # fmt: skip
+           tangent, begin, opl, power, status, clearance, foot, way, cos_in, cos_out):  # fmt: skip
     """Carry one slice through all surfaces, in place: arguments as in ``trace_sequence``, of the slice's length.
 
-    way, cos_in, cos_out: room to work in.
+    tangent (T, 6, N), foot (K, 2, N): whole, this slice from ``begin`` on, since loops over parts of a slice of theirs
+    would not know that numbers follow each other, and not vectorise. way, cos_in, cos_out: room to work in.
     """
-    factor = 1.0
+    factor, s = 1.0, slice(begin, begin + x.shape[0])
     for k in range(curvature.shape[0]):
         code = KINDS * (k + 1)
         reflect = mode[k] == REFLECT
@@ -366,15 +367,15 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
         _to_surface(x, y, z, l, m, n, way, opl, status, rot[k], shift[k], curvature[k], conic[k], n1[k], side[k], code)
         for t in range(tangent.shape[0]):
             d = tangent[t]
-            _tangent_to_surface(x, y, z, l, m, n, way, d[0], d[1], d[2], d[3], d[4], d[5], rot[k], curvature[k],
-                                conic[k])  # fmt: skip
+            _tangent_to_surface(x, y, z, l, m, n, way, d[0, s], d[1, s], d[2, s], d[3, s], d[4, s], d[5, s], rot[k],
+                                curvature[k], conic[k])  # fmt: skip
             if bends:
-                _tangent_bend(x, y, z, l, m, n, d[0], d[1], d[2], d[3], d[4], d[5], curvature[k], conic[k], n1[k],
-                              n2[k], reflect)  # fmt: skip
+                _tangent_bend(x, y, z, l, m, n, d[0, s], d[1, s], d[2, s], d[3, s], d[4, s], d[5, s], curvature[k],
+                              conic[k], n1[k], n2[k], reflect)  # fmt: skip
         clear(x, y, clearance, aperture[k])
         if foot.shape[0] > 0:
-            foot[k, 0] = x
-            foot[k, 1] = y
+            foot[k, 0, s] = x
+            foot[k, 1, s] = y
         if bends or bare[k] >= FILM:
             _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, code)
         if bare[k] >= FILM:
@@ -413,8 +414,8 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bar
     for first in range(0, count, step):
         s, w = slice(first, min(first + step, count)), slice(0, min(step, count - first))
         _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, rays[0, s],
-               rays[1, s], rays[2, s], rays[3, s], rays[4, s], rays[5, s], tangent[:, :, s], opl[s], power[s],
-               status[s], clearance[s], foot[:, :, s], room[0, w], room[1, w], room[2, w])  # fmt: skip
+               rays[1, s], rays[2, s], rays[3, s], rays[4, s], rays[5, s], tangent, first, opl[s], power[s],
+               status[s], clearance[s], foot, room[0, w], room[1, w], room[2, w])  # fmt: skip
 
 
 @njit(**_JIT)
@@ -450,7 +451,7 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
         start(p, theta, first, back_off, n1[0], x, y, z, l, m, n, opl)
         power[:], clearance[:], state[:] = 1.0, np.inf, 0
         _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, x, y, z, l, m, n,
-               tangent, opl, power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
+               tangent, 0, opl, power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
         ends[0, s], ends[1, s], ends[2, s], ends[3, s] = x, y, l, m
         ends[4, s], ends[5, s], ends[6, s] = opl, power, clearance
 

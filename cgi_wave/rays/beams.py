@@ -196,15 +196,16 @@ def rays_from_direction(
     centre, half = np.zeros(2), radius * OVER
     for last in (False, False, False, True):
         p = centre + half * disc(count)
-        found = trace_with_derivatives(sequence, p, theta, "p")
-        traced = found.traced
-        inside = traced.passes & ((p**2).sum(axis=1) < radius**2)
+        # Where the light is costs a sixth of what its derivatives do.
+        seen = trace(sequence, p, theta)
+        inside = seen.passes & ((p**2).sum(axis=1) < radius**2)
         if not inside.any():
-            raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, traced)}")
+            raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, seen)}")
         if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
             break
         centre, half = bounding_disc(p[inside], half, count)
-    keep = traced.valid
+    found = trace_with_derivatives(sequence, p, theta, "p")
+    keep = found.traced.valid
     even = (np.arange(count) < count - rim(count))[keep]
     nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
     phase = ray_phase(sequence, p[keep][nearest], theta, found.dx[keep][nearest], found.dq[keep][nearest], bend)
@@ -225,7 +226,9 @@ def rays_from_direction(
 
 
 def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES) -> Rays:
-    u, opl, amplitude, clearance, direction, p, x, theta = (np.stack([part[i] for part in parts]) for i in range(8))
+    u, opl, amplitude, clearance, direction, p, x, theta = (
+        np.stack(values) if len(values) > 1 else values[0][None] for values in zip(*parts, strict=True)
+    )
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
     cell = float(np.pi * (EVEN * half) ** 2 / (count - rim(count)))
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])

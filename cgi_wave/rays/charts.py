@@ -83,11 +83,13 @@ def rays_from_points(
             phantom / len(points),
             "give the aperture that stops them",
         )
-    traced, p = found.traced.some(keep), points[keep]
+    traced, p, dx, dq = found.traced, points, found.dx, found.dq
+    if not keep.all():
+        traced, p, dx, dq = traced.some(keep), p[keep], dx[keep], dq[keep]
     q, opl = in_chart(traced, p, theta, x0, 0.0)
     pupil = 1.0 - (p**2).sum(axis=1) / system.pupil_radius**2
     clearance = np.concatenate([pupil[None], clearance_rows(sequence.aperture, traced.foot)])
-    return PupilRays(sequence, theta, p, traced.x - x0, q, opl, traced.power, clearance, found.dx[keep], found.dq[keep])
+    return PupilRays(sequence, theta, p, traced.x - x0, q, opl, traced.power, clearance, dx, dq)
 
 
 def in_chart(traced: Traced, p: Array, theta: Array, x0: Array, bend: float) -> tuple[Array, Array]:
@@ -107,8 +109,12 @@ def ray_phase(sequence: Sequence, p: Array, theta: Array, dx: Array, dq: Array, 
     """
     crossed = caustics(sequence, p, theta, "p")
     # From position to u by stationary phase: exp(iπ/4 · signature of ∂u/∂x).
-    bent = dq @ np.linalg.inv(dx) - bend * np.eye(2)
-    signature = np.sign(np.linalg.eigvals(bent).real).sum()
+    # Both eigenvalues have the sign of the trace, or opposite ones.
+    (a, b), (c, d) = dx.tolist()
+    inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+    (a, b), (c, d) = (dq @ inverse).tolist()
+    a, d = a - bend, d - bend
+    signature = 2.0 * np.sign(a + d) if a * d - b * c > 0.0 else 0.0
     return float(sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature)
 
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from cgi_wave.kernels.bounds import bounding
 from cgi_wave.rays.disc import disc, fitted, monomials, on_disc
 
 Array = NDArray[np.float64]
@@ -29,25 +30,11 @@ def limiting(clearance: Array, p: Array) -> Array:
     """
     x, _, _ = on_disc(p)
     degree = DEGREE if len(x) >= FULL else LOW_DEGREE
-    dense = (_compared(degree) @ fitted(x, clearance[:, clearance.shape[1] // 2].T, degree)).T
-    least = dense.min(axis=1)
-    order = np.argsort(least)
-    kept: list[int] = []
-    others = np.full(dense.shape[1], np.inf)
-    for k in order:
-        if least[k] >= LIMITING:  # nor do those that follow come near zero
-            break
-        cuts = bool(((dense[k] < LIMITING) & (others > -LIMITING)).any())
-        if cuts and all(np.abs(dense[k] - dense[j]).max() > SAME for j in kept):
-            kept.append(int(k))
-            others = np.minimum(others, dense[k])
-    for k in list(kept):
-        rest = [j for j in kept if j != k]
-        if rest and not ((dense[k] < LIMITING) & (dense[rest].min(axis=0) > -LIMITING)).any():
-            kept = rest
-    return clearance[kept or [int(order[0])]]
+    dense = fitted(x, clearance[:, clearance.shape[1] // 2].T, degree).T @ _compared(degree)
+    kept = bounding(dense, LIMITING, SAME)
+    return clearance[kept if len(kept) else [int(dense.min(axis=1).argmin())]]
 
 
 @lru_cache(maxsize=2)
 def _compared(degree: int) -> Array:
-    return monomials(disc(COMPARED), degree)
+    return np.ascontiguousarray(monomials(disc(COMPARED), degree).T)

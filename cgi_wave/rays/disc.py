@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 #: Rays per beam: enough for a polynomial of degree 12 with a third to spare.
 NODES = 280
+#: Numbers of rays whose fits over a whole disc are prepared.
+WHOLE = (NODES, 400, 484, 800, 1000, 1600)
 #: The even part of a disc ends at this share of its radius; the rest lines its edge, for the fits.
 EVEN = 0.985
 
@@ -20,7 +22,7 @@ def rim(count: int) -> int:
     return int(3.0 * np.sqrt(count))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def disc(count: int) -> Array:
     """Points (count, 2) spread evenly over the unit disc (sunflower), with a ring on its edge; not to be written to."""
     ring = rim(count)
@@ -58,15 +60,20 @@ def on_disc(p: Array) -> tuple[Array, Array, float]:
 
 def fitted(x: Array, values: Array, degree: int) -> Array:
     """Least squares on points ``on_disc`` (N, 2): coefficients (T, Q) of ``monomials`` for values (N, Q)."""
-    if len(x) == NODES:  # nearly every beam: all rays of the disc, whose factors are kept
-        return _projector(degree) @ values
+    if _whole(x):  # nearly every beam: all rays of the disc, whose factors are kept
+        return _projector(len(x), degree) @ values
     q, r = np.linalg.qr(monomials(x, degree))
     coefficient: Array = np.linalg.solve(r, q.T @ values)
     return coefficient
 
 
-@lru_cache(maxsize=4)
-def _projector(degree: int) -> Array:
-    q, r = np.linalg.qr(monomials(disc(NODES), degree))
+def _whole(x: Array) -> bool:
+    """Whether points are those of a ``disc`` that beams are traced over."""
+    return len(x) in WHOLE and bool(np.abs(x - disc(len(x))).max() < 1e-9)
+
+
+@lru_cache(maxsize=16)
+def _projector(count: int, degree: int) -> Array:
+    q, r = np.linalg.qr(monomials(disc(count), degree))
     projector: Array = np.linalg.solve(r, q.T)
     return projector

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from cgi_wave.kernels.fit import values
 from cgi_wave.kernels.outline import chebyshev_powers
 
 Array = NDArray[np.float64]
@@ -32,17 +33,15 @@ def vandermonde(x: Array, n: int) -> Array:
 def evaluate(coef: Array, x: Array, y: Array) -> Array:
     """Values (..., X, Y) of Chebyshev-product polynomials coef (..., n, n) on the scaled grid x (X,) by y (Y,)."""
     n = coef.shape[-1]
-    values: Array = chebyshev.chebvander(x, n - 1) @ coef @ chebyshev.chebvander(y, n - 1).T
-    return values
+    found: Array = chebyshev.chebvander(x, n - 1) @ coef @ chebyshev.chebvander(y, n - 1).T
+    return found
 
 
 def at_points(coef: Array, x: Array) -> Array:
     """Values (..., N) of Chebyshev-product polynomials coef (..., n, n) at scaled points x (N, 2)."""
-    n = coef.shape[-1]
-    values: Array = np.einsum(
-        "...ij,pi,pj->...p", coef, chebyshev.chebvander(x[:, 0], n - 1), chebyshev.chebvander(x[:, 1], n - 1)
-    )
-    return values
+    stack = np.ascontiguousarray(coef.reshape(-1, *coef.shape[-2:]))
+    found: Array = values(stack, np.ascontiguousarray(x))
+    return found.reshape(*coef.shape[:-2], len(x))
 
 
 def expand(coef: Array, centre: Array, scale: Array, pivot: Array, frame: Array, n: int) -> Array:

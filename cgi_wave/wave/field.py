@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
 from cgi_wave.kernels.fit import near_points
+from cgi_wave.kernels.power import products
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
 from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
-from cgi_wave.wave.region import SAFETY, Region, Support, integrate, trimmed
+from cgi_wave.wave.region import SAFETY, Region, Support, segments, trimmed
 from cgi_wave.wave.samples import PupilSamples, Space
 from cgi_wave.wave.support import cutting, domain, fenced, unshadowed
 
@@ -21,7 +23,7 @@ FINE_DEGREES = (*DEGREES, 18, 20)  # where samples are many and a misfit of 1e-7
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
-POWER_SHARE = 1e-3  # numerical error asked of the power, as a share of the misfit that is asked for
+POWER_SHARE = 0.3  # numerical error asked of the power, as a share of the misfit that is asked for
 _METHOD = "polynomial pupil field"
 
 
@@ -152,40 +154,46 @@ class _Fits:
             ]  # fmt: skip
         values = [samples.clearance[:, s][:, inside[s]] for s in range(count)]
         self._values, self._edge = values, [_near_zero(v, on) for v, on in zip(values, self._lit, strict=True)]
+        # Misfits count where light is, and for clearances near their zeros.
+        self._chosen = [np.zeros(group.residual.shape, np.bool_) for group in self._groups]
+        for s in range(count):
+            at, row = self._at(s)
+            self._chosen[at][row : row + 2] = self._lit[s]
+        at, row = self._rest()
+        self._chosen[at][row : row + self._clearances] = self._edge[middle]
         self._rms = max(float(np.sqrt(np.mean(samples.amplitude[lit] ** 2))), 1e-300)
 
-    def _place(self, s: int) -> tuple[Nested, int]:
-        """The fit that holds path and amplitude of wavenumber s, and the row at which they stand."""
-        return (self._groups[0], 2 * s) if self._shared else (self._groups[s], 0)
+    def _at(self, s: int) -> tuple[int, int]:
+        """The number of the fit that holds path and amplitude of wavenumber s, and the row at which they stand."""
+        return (0, 2 * s) if self._shared else (s, 0)
 
-    def _rest(self) -> tuple[Nested, int]:
-        """The fit that holds clearances and directions, and the row of the first of them."""
-        group, row = self._place(self._middle)
-        return group, (2 * self._samples.sigma.size if self._shared else row + 2)
+    def _rest(self) -> tuple[int, int]:
+        """The number of the fit that holds clearances and directions, and the row of the first of them."""
+        at, row = self._at(self._middle)
+        return at, (2 * self._samples.sigma.size if self._shared else row + 2)
 
     def grow(self, n: int) -> _Trial:
         """Go on to n terms per axis."""
         for group in self._groups:
             group.grow(n)
-        misfits = [np.abs(group.misfit()) for group in self._groups]
+        worst = [group.largest(chosen) for group, chosen in zip(self._groups, self._chosen, strict=True)]
         opl = amplitude = 0.0
-        for s, lit in enumerate(self._lit):
-            misfit, row = (misfits[0], 2 * s) if self._shared else (misfits[s], 0)
-            worst = misfit[row : row + 2][:, lit].max(axis=1)
-            opl, amplitude = max(opl, float(worst[0])), max(amplitude, float(worst[1]))
-        here, row = self._rest()
-        clearance = misfits[self._groups.index(here)][row : row + self._clearances]
-        edge = self._clearance_misfit(clearance, here, row, n)
+        for s in range(len(self._lit)):
+            at, first = self._at(s)
+            opl, amplitude = max(opl, float(worst[at][first, 0])), max(amplitude, float(worst[at][first + 1, 0]))
+        at, row = self._rest()
+        clearance = worst[at][row : row + self._clearances]
+        edge = self._clearance_misfit(clearance[:, 0], self._groups[at], row, n)
         score = 2.0 * np.pi * float(self._samples.sigma[-1]) * opl + amplitude / self._rms + float(edge.min())
-        return _Trial(n, opl, amplitude, edge, clearance.max(axis=1), score)
+        return _Trial(n, opl, amplitude, edge, clearance[:, 1], score)
 
     def _clearance_misfit(self, own: Array, here: Nested, row: int, n: int) -> Array:
-        """(K,) largest misfit of each clearance near its zero; ``own`` (K, N): leave-one-out, at the middle sigma.
+        """(K,) largest misfit of each clearance near its zero; ``own`` (K,): leave-one-out, at the middle sigma.
 
         One clearance polynomial serves all wavenumbers: its change with sigma is an error of it.
         """
         last = row + self._clearances
-        worst = np.where(self._edge[self._middle], own, 0.0).max(axis=1)
+        worst = own
         for s, value in enumerate(self._values):
             if s == self._middle:
                 continue
@@ -199,19 +207,25 @@ class _Fits:
 
     def paths(self, n: int) -> tuple[Array, Array]:
         """Path length (S, n, n), without its mean over the samples, and amplitude (S, n, n)."""
-        places = [self._place(s) for s in range(self._samples.sigma.size)]
-        both = np.array([group.coefficients(slice(row, row + 2), n) for group, row in places])
+        places = [self._at(s) for s in range(self._samples.sigma.size)]
+        both = np.array([self._groups[at].coefficients(slice(row, row + 2), n) for at, row in places])
         return both[:, 0], both[:, 1]
 
     def clearances(self, n: int) -> Array:
         """(K, n, n) clearances at the middle sigma."""
-        group, row = self._rest()
-        return group.coefficients(slice(row, row + self._clearances), n)
+        return self._of_rest(0, self._clearances, n)
+
+    def clearance(self, k: int, n: int) -> Array:
+        """(n, n) one clearance at the middle sigma."""
+        return self._of_rest(k, k + 1, n)[0]
 
     def directions(self, n: int) -> Array:
         """(2, n, n) direction cosines at the middle sigma."""
-        group, row = self._rest()
-        return group.coefficients(slice(row + self._clearances, row + self._clearances + 2), n)
+        return self._of_rest(self._clearances, self._clearances + 2, n)
+
+    def _of_rest(self, first: int, last: int, n: int) -> Array:
+        at, row = self._rest()
+        return self._groups[at].coefficients(slice(row + first, row + last), n)
 
 
 def _near_zero(value: Array, lit: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -259,13 +273,17 @@ def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Arr
         simple = next((t for t in trials if t.n < best.n and t.clearance_misfit[k] <= enough), None)
         if simple is not None:
             coef[k] = 0.0
-            coef[k, : simple.n, : simple.n] = fits.clearances(simple.n)[k]
+            coef[k, : simple.n, : simple.n] = fits.clearance(k, simple.n)
             residual[k] = simple.clearance_misfit[k]
     return best, coef, residual
 
 
 def fit_field(
-    samples: PupilSamples, degree: int | None = None, target: float = TARGET, degrees: Sequence[int] = DEGREES
+    samples: PupilSamples,
+    degree: int | None = None,
+    target: float = TARGET,
+    degrees: Sequence[int] = DEGREES,
+    limit: float = np.inf,
 ) -> PupilField:
     """Fit one beam's samples: path length (per sigma), amplitude, clearances, directions.
 
@@ -275,7 +293,8 @@ def fit_field(
     Clearances that cannot reach zero on the support are dropped.
 
     Raises InputError (a value that is not finite, a wrong shape), EmptyBeamError (no lit sample), MethodLimitError
-    (too few samples; a support that reaches the edge of what was sampled), FoldedFieldError (samples on a line).
+    (too few samples; a support that reaches the edge of what was sampled; phases missed by more than ``limit``, rad,
+    which saves what follows), FoldedFieldError (samples on a line).
     """
     _check(samples)
     lit = np.all(samples.clearance > 0.0, axis=0)
@@ -292,9 +311,18 @@ def fit_field(
     tried = _degrees(samples, inside, degrees if degree is None else (degree,))
     fits = _Fits(samples, x, inside, lit, tried[-1] + 1)
     trial, simple, residual = _choose(fits, tried, target)
+    missed = 2.0 * np.pi * float(samples.sigma[-1]) * trial.opl
+    if missed > limit:
+        raise MethodLimitError(
+            _METHOD,
+            f"{samples.label}: phases are missed by {missed:.2g} rad (limit {limit:.2g})",
+            missed / limit,
+            "trace more rays, or take a part of the pupil",
+        )
     middle = samples.sigma.size // 2
-    least = samples.clearance[:, lit].min(axis=1)
-    cut = cutting(least, trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing)
+    cut = cutting(
+        samples.clearance[:, lit], trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing
+    )
     support = unshadowed(Support(centre, scale, simple[cut], residual[cut]))
     support = fenced(support, x[middle][lit[middle]], spacing, samples.label)
     opl, amplitude = fits.paths(trial.n)
@@ -336,18 +364,25 @@ def _power(
     """Gram matrix (S, S) of the amplitudes over the support and the relative error bound of the power."""
     n = region.terms
     a = expand(amplitude, support.centre, support.scale, region.pivot, region.frame, n)
-    # Every product of two amplitudes once; the squares come with them.
-    left, right = np.triu_indices(len(a), 1) if len(a) > 1 else (np.zeros(1, int), np.zeros(1, int))
-    phase = np.zeros((len(left), n, n))
-    rough = float(np.mean(at_points(amplitude[0], np.zeros((1, 2))) ** 2) * np.prod(region.frame))
-    weight = np.zeros((n, n))
-    norm = np.full(len(left), max(rough, 1e-300))
-    total = integrate(region, phase, a[left], a[right], weight, norm, tol)
-    gram = np.empty((len(a), len(a)))
-    gram[left, right] = gram[right, left] = total.cross
-    gram[left, left], gram[right, right] = total.aa, total.bb
+    spans, cornered = segments(region)
+    # Integrals in the frame, whose unit of area is this one of u.
+    area = float(np.prod(region.frame))
+    rough = max(float((at_points(amplitude, np.zeros((1, 2))) ** 2).mean()), 1e-300)
+    sums, inside, edge, tail, between = products(
+        region.clearance, region.ellipses, region.residual, spans, cornered, a, *_radial_nodes(n), tol * rough
+    )
+    gram = sums * area
     least = float(np.diag(gram).min())
     if least <= 0.0:
         raise EmptyBeamError(f"{label}: the fitted support is empty")
-    numerical = SAFETY * float(total.change_power.max()) + total.edge
-    return gram, (numerical + 2.0 * residual * np.sqrt(total.area * np.diag(gram).max())) / least
+    # |x|, |y| <= 1 in the frame: the sum of the coefficients bounds a polynomial there
+    edge += between * float(np.abs(a[len(a) // 2]).sum()) ** 2
+    numerical = (SAFETY * tail + edge) * area
+    return gram, (numerical + 2.0 * residual * np.sqrt(inside * area * np.diag(gram).max())) / least
+
+
+@lru_cache(maxsize=32)
+def _radial_nodes(n: int) -> tuple[Array, Array]:
+    """Gauss nodes and weights on (0, 1) that are exact for squares of n powers times the distance."""
+    x, w = np.polynomial.legendre.leggauss(n)
+    return 0.5 * (x + 1.0), 0.5 * w

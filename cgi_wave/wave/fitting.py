@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cgi_wave.kernels import fit
 from cgi_wave.wave.basis import Array
@@ -20,9 +21,9 @@ class Nested:
     def __init__(self, x: Array, values: Array, most: int) -> None:
         """For total degrees below ``most`` at most."""
         self.n = 0
-        self._q = fit.chebyshev_rows(np.ascontiguousarray(x), most)
-        terms = len(self._q)
-        self._r = np.zeros((terms, terms))
+        terms = most * (most + 1) // 2
+        self._x = np.ascontiguousarray(x)
+        self._q, self._c = np.empty((terms, len(x))), np.zeros((terms, terms))
         self._along = np.zeros((len(values), terms))
         self.residual = np.array(values, dtype=np.float64, order="C")
         self._share = np.ones(len(x))
@@ -30,7 +31,7 @@ class Nested:
     def grow(self, n: int) -> None:
         """Go on to total degrees below n."""
         first, last = (k * (k + 1) // 2 for k in (self.n, n))
-        fit.orthonormalise(self._q, self._r, first, last)
+        fit.orthonormalise(self._q, self._c, self._x, self.n, n)
         fit.project(self._q, first, last, self.residual, self._share, self._along)
         self.n = n
 
@@ -38,9 +39,14 @@ class Nested:
         """(Q, N) leave-one-out misfits, by the hat matrix."""
         return self.residual / np.maximum(self._share, _FREE)
 
+    def largest(self, chosen: NDArray[np.bool_]) -> Array:
+        """(Q, 2) largest leave-one-out misfit of each of the values, over its chosen (Q, N) samples and over all."""
+        found: Array = fit.largest(self.residual, self._share, _FREE, chosen)
+        return found
+
     def coefficients(self, rows: slice, n: int) -> Array:
         """(Q', n, n) Chebyshev coefficients of some of the values, for total degrees below n (the present or lower)."""
-        solution: Array = fit.solve(self._r, self._along[rows], n)
+        solution: Array = fit.combine(self._c, self._along[rows], n)
         return solution
 
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.errors import CgiWaveError, FoldedFieldError, MethodLimitError
+from cgi_wave.errors import CgiWaveError, EmptyBeamError, FoldedFieldError, MethodLimitError
 from cgi_wave.rays.clearances import limiting
 from cgi_wave.rays.disc import disc
 from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc
@@ -25,11 +25,13 @@ from cgi_wave.wave.pullback import product_samples, shared
 from cgi_wave.wave.samples import PupilSamples
 
 #: Rays over the whole pupil, by which the chart is chosen, and over a part of it.
-SURVEY, PART = 1000, 500
+SURVEY, PART = 1000, 484
 #: Bends that are tried, in units of the other beam's cone over the ghost's extent on the detector.
 BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Parts into which a pupil is cut at most, and the shared rays without which one is not cut.
 PARTS, FEWEST = 64, 40
+#: A disc of rays that would shrink to no less than this stays as it is.
+SETTLED = 0.9
 #: Misfit allowed where charts are only compared, and by how much what the kept one is off may exceed a difference.
 COMPARED, SAFETY = 1e-5, 2.0
 _METHOD = "field over the pupil"
@@ -103,7 +105,8 @@ def contrast_over_pupil(
 
     Raises EmptyBeamError, FoldedFieldError (no chart serves), MethodLimitError.
     """
-    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes)
+    # Here every ray counts, since the worst of them says which charts serve.
+    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes, 1.0)
     own = _own_field(rays, label, tol)
     if bend is not None:
         return _in_chart(trace, rays, own, other(bend), sigma, label, tol)
@@ -125,6 +128,8 @@ def choose_charts(rays: RaysOverPupil, other: Other, sigma: float, label: str) -
     alone if it serves, else up to three. Raises FoldedFieldError if none does.
     """
     lit = _passes(rays)
+    if not lit.any():
+        raise EmptyBeamError(f"{label}: no ray passes")
     p = rays.p[lit]
     area = 2.0 * ((p - p.mean(axis=0)) ** 2).sum(axis=1).mean()
     unit = float(other(0.0).support.scale.max()) / float(np.abs(rays.x[lit]).max())
@@ -162,10 +167,27 @@ def choose_charts(rays: RaysOverPupil, other: Other, sigma: float, label: str) -
 def _in_chart(
     trace: Trace, rays: RaysOverPupil, own: PupilField, near: PupilField, sigma: float, label: str, tol: float
 ) -> PupilContrast:
+    try:
+        return _over_parts(trace, rays, own, near, sigma, label, tol, SETTLED)
+    except MethodLimitError:
+        # Cuts elsewhere may leave no part that refuses, such as the tip of a crescent.
+        return _over_parts(trace, rays, own, near, sigma, label, tol, 1.0)
+
+
+def _over_parts(
+    trace: Trace,
+    rays: RaysOverPupil,
+    own: PupilField,
+    near: PupilField,
+    sigma: float,
+    label: str,
+    tol: float,
+    settled: float,
+) -> PupilContrast:
     mine, there = power(own), power(near)
     norm = float(np.sqrt(mine[0][0] * there[0][near.sigma.size // 2]))
     total, error, cross, parts = 0.0j, 0.0, 0.0, 0
-    for field in _parts(trace, rays, near, sigma, label, tol):
+    for field in _parts(trace, rays, near, sigma, label, tol, settled):
         value, off, size, _ = integral_over(field, tol * norm)
         total, error, cross, parts = total + value, error + off, cross + size, parts + 1
     # What the other field may be off by itself: phase, amplitude, and both powers in the normaliser.
@@ -178,15 +200,22 @@ def _in_chart(
 
 
 def _settle(
-    trace: Trace, centre: Array, half: float, count: int, chosen: Callable[[RaysOverPupil], NDArray[np.bool_]]
+    trace: Trace,
+    centre: Array,
+    half: float,
+    count: int,
+    chosen: Callable[[RaysOverPupil], NDArray[np.bool_]],
+    settled: float,
 ) -> RaysOverPupil:
-    """Rays over a disc of the pupil, drawn in around the chosen ones until these fill it."""
+    """Rays over a disc of the pupil, drawn in around the chosen ones until these fill it, or it hardly shrinks."""
     for _ in range(4):
         rays = trace(centre + half * disc(count))
         lit = chosen(rays)
         if not lit.any() or lit.mean() >= FILLED:
             break
-        centre, half = bounding_disc(rays.p[lit], half, count)
+        before, (centre, half) = half, bounding_disc(rays.p[lit], half, count)
+        if half >= settled * before:  # light of a shape that fills no disc
+            break
     return rays
 
 
@@ -199,7 +228,7 @@ def _own_field(rays: RaysOverPupil, label: str, tol: float) -> PupilField:
 
 
 def _parts(
-    trace: Trace, rays: RaysOverPupil, near: PupilField, sigma: float, label: str, tol: float
+    trace: Trace, rays: RaysOverPupil, near: PupilField, sigma: float, label: str, tol: float, settled: float
 ) -> Iterator[PupilField]:
     """The product of both fields over parts of the pupil in which a polynomial follows it.
 
@@ -219,11 +248,11 @@ def _parts(
     made = 1
     while waiting:
         centre, half, cuts = waiting.pop()
-        part = _settle(trace, centre, half, PART, lambda r, cuts=cuts: lit(r, cuts))  # type: ignore[misc]
+        part = _settle(trace, centre, half, PART, lambda r, cuts=cuts: lit(r, cuts), settled)  # type: ignore[misc]
         inside = lit(part, cuts)
-        field, misfit, refused = _product(part, inside, near, cuts, label, tol)
         at = part.p[inside]
         last = made >= PARTS or len(at) < FEWEST
+        field, misfit, refused = _product(part, inside, near, cuts, label, tol, np.inf if last else tol)
         if field is not None and (misfit <= tol or last):
             yield field
             continue
@@ -248,9 +277,17 @@ def _reach(p: Array) -> float:
 
 
 def _product(
-    rays: RaysOverPupil, inside: NDArray[np.bool_], near: PupilField, cuts: tuple[_Cut, ...], label: str, tol: float
+    rays: RaysOverPupil,
+    inside: NDArray[np.bool_],
+    near: PupilField,
+    cuts: tuple[_Cut, ...],
+    label: str,
+    tol: float,
+    limit: float,
 ) -> tuple[PupilField | None, float, str]:
     """The product as one field over a part of the pupil, and its misfit as a share; None and why none can be fitted.
+
+    limit: misfit of the phase, rad, beyond which none is wanted.
 
     Raises FoldedFieldError if the shared rays, ``inside``, are on more than one sheet.
     """
@@ -270,7 +307,7 @@ def _product(
     samples = product_samples(label, rays.p[same], u[same], opl[same], rays.power[same], det[same], rays.q[same],
                               edges[:, same], rays.phase(first, near.bend), near)  # fmt: skip
     try:
-        field = fit_field(samples, target=tol, degrees=FINE_DEGREES)
+        field = fit_field(samples, target=tol, degrees=FINE_DEGREES, limit=limit)
     except MethodLimitError as limit:
         return None, np.inf, str(limit)
     misfit = 2.0 * np.pi * float(field.sigma[0]) * field.opl_residual

@@ -131,6 +131,12 @@ def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
     return _corners(region, _SCANS[min(level // 2, len(_SCANS) - 1)])
 
 
+def segments(region: Region) -> tuple[Array, NDArray[np.bool_]]:
+    """``_segments`` of the coarsest levels as arrays: angle ranges (B, 2), and whether their ends are corners (B,)."""
+    found = _segments(region, 0)
+    return np.array([span for span, _ in found]), np.array([cornered for _, cornered in found])
+
+
 @lru_cache(maxsize=8)
 def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
     angles = outline.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import FoldedFieldError, MethodLimitError
-from cgi_wave.wave.basis import Array, evaluate
+from cgi_wave.kernels.bounds import beyond, count_open, in_light
+from cgi_wave.wave.basis import Array
 from cgi_wave.wave.fitting import polynomials
-from cgi_wave.wave.region import Support
+from cgi_wave.wave.region import Support, trimmed
 from cgi_wave.wave.samples import PupilSamples
 
 MARGIN = 1.5  # sample spacings beyond the lit samples within which the true boundary must lie
@@ -33,15 +36,20 @@ def domain(samples: PupilSamples, lit: NDArray[np.bool_]) -> tuple[Array, Array,
     return centre, half * reach * (1.0 + MARGIN * spacing), spacing
 
 
-def cutting(least: Array, worst: Array, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
+def cutting(values: Array, worst: Array, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
     """(K,) which clearances can reach zero within two sample spacings of the lit samples.
 
-    least (K,): their smallest value there; worst (K,): largest misfit; coef (K, n, n), x (N, 2): polynomials and points
-    at the middle sigma.
+    values (K, M): theirs at all wavenumbers; worst (K,): largest misfit; coef (K, n, n), x (N, 2): polynomials and
+    points at the middle sigma.
     """
-    slopes = polynomials(coef, x)[:, 1:]
-    steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
-    cut: NDArray[np.bool_] = least < 2.0 * spacing * steepest + worst
+    least = values.min(axis=1)
+    # Within the unit disc a slope of half the range is met somewhere.
+    cut: NDArray[np.bool_] = least < spacing * (values.max(axis=1) - least) + worst
+    doubtful = np.flatnonzero(~cut)
+    if len(doubtful):
+        slopes = polynomials(coef[doubtful], x)[:, 1:]
+        steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
+        cut[doubtful] = least[doubtful] < 2.0 * spacing * steepest + worst[doubtful]
     return cut
 
 
@@ -54,27 +62,10 @@ def unshadowed(support: Support) -> Support:
     """
     if len(support.clearance) <= MANY:
         return support
-    axis = np.linspace(-1.0, 1.0, SHADOW_GRID)
-    values = evaluate(support.clearance, axis, axis)
+    axis, _, _ = _grid(SHADOW_GRID)
     # The domain's own edge bounds what the polynomials are asked for.
     disc = 1.0 - axis[:, None] ** 2 - axis[None, :] ** 2
-    kept = list(range(len(values)))
-    lit = (values > 0.0).all(axis=0) & (disc > 0.0)
-    for k in np.argsort([-value[lit].min(initial=np.inf) for value in values]):
-        others = [j for j in kept if j != k]
-        if len(others) < 2:
-            break
-        rest = np.minimum(values[others].min(axis=0), disc)
-        here = np.array([rest, values[k]])
-        least, step = float(values[k][rest > 0.0].min(initial=np.inf)), 0.0
-        for a, b in ((here[:, 1:], here[:, :-1]), (here[:, :, 1:], here[:, :, :-1])):
-            leaves = (a[0] > 0.0) != (b[0] > 0.0)
-            (rest_a, own_a), (rest_b, own_b) = a[:, leaves], b[:, leaves]
-            crossing = own_a + rest_a / (rest_a - rest_b) * (own_b - own_a)
-            least = min(least, float(crossing.min(initial=np.inf)))
-            step = max(step, float(np.abs(own_b - own_a).max(initial=0.0)))
-        if least > support.residual[k] + 2.0 * support.residual[others].max() + 0.5 * step:
-            kept = others
+    kept = in_light(_on_grid(support.clearance, SHADOW_GRID), disc, support.residual)
     return Support(support.centre, support.scale, support.clearance[kept], support.residual[kept])
 
 
@@ -86,26 +77,20 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
     which, on a grid, the clearances come near zero. Raises MethodLimitError where they are positive at such an edge, or
     at the edge of the domain: the boundary is then not known.
     """
-    angle = 2.0 * np.pi * np.arange(TANGENTS) / TANGENTS
-    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    normal, rim, along = _tangents()
     height = (x @ normal.T).max(axis=0) + MARGIN * spacing
     inward = np.flatnonzero(height < 1.0 - INWARD * spacing)
     if len(inward) and len(support.clearance):
-        at = _nearly_lit(support)
-        inward = inward[(at @ normal[inward].T > height[inward]).any(axis=0)]
+        axis, _, _ = _grid(FENCE_GRID)
+        inward = inward[beyond(_on_grid(support.clearance, FENCE_GRID), axis, normal[inward], height[inward])]
     normal, height = normal[inward], height[inward]
-    turn = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
-    rim = [np.column_stack([np.cos(turn), np.sin(turn)])]
-    along = np.linspace(-1.0, 1.0, 101)[:, None]
-    rim += [h * d + along * np.array([-d[1], d[0]]) for d, h in zip(normal, height, strict=True)]
-    edge = np.concatenate(rim)
-    edge = edge[((edge**2).sum(axis=1) <= 1.0 + 1e-9) & (edge @ normal.T <= height + 1e-9).all(axis=1)]
-    open_edge = polynomials(support.clearance, edge)[:, 0].min(axis=0, initial=np.inf) > 0.0
-    if np.any(open_edge):
+    lines = [h * d + along * np.array([-d[1], d[0]]) for d, h in zip(normal, height, strict=True)]
+    count, opened = count_open(support.clearance, np.concatenate([rim, *lines]), normal, height)
+    if opened:
         raise MethodLimitError(
             METHOD,
-            f"{label}: the clearances leave {np.mean(open_edge):.0%} of the edge of the sampled domain open",
-            1.0 + float(np.mean(open_edge)),
+            f"{label}: the clearances leave {opened / count:.0%} of the edge of the sampled domain open",
+            1.0 + opened / count,
             "sample beyond the aperture, or give the clearance of the aperture that the rays were launched into",
         )
     fence = np.zeros((len(height), *support.clearance.shape[1:]))
@@ -114,14 +99,25 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
                    np.append(support.residual, np.zeros(len(height))))  # fmt: skip
 
 
-def _nearly_lit(support: Support) -> Array:
-    """Points (P, 2) of a grid over the domain where all clearances are positive, or could be before the next point."""
-    axis = np.linspace(-1.0, 1.0, FENCE_GRID)
-    least = evaluate(support.clearance, axis, axis).min(axis=0)
-    change = np.zeros_like(least)
-    for axes in (change, least), (change.T, least.T):  # along rows, then along columns
-        step = np.abs(np.diff(axes[1], axis=0))
-        np.maximum(axes[0][1:], step, out=axes[0][1:])
-        np.maximum(axes[0][:-1], step, out=axes[0][:-1])
-    i, j = np.nonzero((least > -change) & (axis[:, None] ** 2 + axis[None, :] ** 2 <= 1.0))
-    return np.column_stack([axis[i], axis[j]])
+@lru_cache(maxsize=1)
+def _tangents() -> tuple[Array, Array, Array]:
+    """Normals of the tangents (TANGENTS, 2), points on the unit circle (256, 2), places along a tangent (101, 1)."""
+    normal, rim = (np.linspace(0.0, 2.0 * np.pi, count, endpoint=False) for count in (TANGENTS, 256))
+    along = np.linspace(-1.0, 1.0, 101)[:, None]
+    return np.column_stack([np.cos(normal), np.sin(normal)]), np.column_stack([np.cos(rim), np.sin(rim)]), along
+
+
+@lru_cache(maxsize=2)
+def _grid(count: int) -> tuple[Array, Array, Array]:
+    """An axis of ``count`` points over the domain, and the Chebyshev polynomials there (count, 32), and transposed."""
+    axis = np.linspace(-1.0, 1.0, count)
+    t = np.asarray(np.polynomial.chebyshev.chebvander(axis, 31), dtype=np.float64)
+    return axis, t, np.ascontiguousarray(t.T)
+
+
+def _on_grid(coef: Array, count: int) -> Array:
+    """Values (K, count, count) of Chebyshev products (K, n, n), n <= 32, on a grid over the domain."""
+    n = trimmed(coef).shape[-1]
+    _, t, across = _grid(count)
+    values: Array = t[:, :n] @ coef[:, :n, :n] @ across[:n]
+    return values
