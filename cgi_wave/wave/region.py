@@ -108,7 +108,7 @@ def find_region(supports: Sequence[Support]) -> Region | None:
     centre, scale = np.array([s.centre for s in supports]), np.array([s.scale for s in supports])
     polynomials = [trimmed(s.clearance) for s in supports]
     most = max(p.shape[-1] for p in polynomials)
-    stacked, owner = np.zeros((sum(map(len, polynomials)), most, most)), []
+    stacked, owner = np.zeros((sum(map(len, polynomials)), most, most)), list[int]()
     for number, polynomial in enumerate(polynomials):
         size = polynomial.shape[-1]
         stacked[len(owner) : len(owner) + len(polynomial), :size, :size] = polynomial
