@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import carray, njit
 
-from cgi_wave.kernels.lanes import LANES, count_up, counted, load, nothing, pointer, spread, store
+from cgi_wave.kernels.lanes import LANES, count_up, counted, fetch, load, nothing, pointer, spread, store
 
 #: A product may be fused with the sum it goes into; nothing else of IEEE arithmetic is given up.
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
@@ -134,12 +134,19 @@ def _start(place, size, wrap):
 
 
 @njit(**_JIT)
+def _row(number, size, wrap):
+    """A row of an image that goes on beyond its ends, or repeats."""
+    if 0 <= number < size:
+        return number
+    return number % size if wrap else min(max(number, 0), size - 1)
+
+
+@njit(**_JIT)
 def _taps(place, size, count, wrap, index, weight):
     """Rows of an image that make up a place on it, and their weights (as ``smooth.taps``): how many, 1 on a row."""
     nearest = np.rint(place)
     if abs(place - nearest) < WHOLE:
-        row = int(nearest)
-        index[0] = row % size if wrap else min(max(row, 0), size - 1)
+        index[0] = _row(int(nearest), size, wrap)
         return 1
     if not wrap:
         place = min(max(place, 0.0), size - 1.0)
@@ -148,8 +155,7 @@ def _taps(place, size, count, wrap, index, weight):
         start = min(max(start, 1.0), size - 3.0)
     cubic(place - start, weight, count)
     for n in range(count):
-        row = int(start) + n - (count // 2 - 1)
-        index[n] = row % size if wrap else min(max(row, 0), size - 1)
+        index[n] = _row(int(start) + n - (count // 2 - 1), size, wrap)
     return count
 
 
@@ -168,25 +174,20 @@ def _blended_four(seen, a, b, c, d, w):
 
 @njit(**_JIT)
 def _line(address, like):
-    """The contiguous row, as long as ``like``, whose data begin at an address."""
+    """The contiguous row, as long as ``like``, whose data begin at an address. Unlike ``like`` it is not counted:
+    counting who holds an array takes longer than all else that is done once per row."""
     return carray(pointer(address), (like.shape[0],), like.dtype)
 
 
 @njit(**_JIT)
-def _seen(spare, term, place, wrap, index, weight):
-    """A row of a term's image at a place: its own memory on a whole row, else blended into ``spare``."""
-    address, stride = term[1], term[2]
-    count = _taps(place, term[3], term[4], wrap, index, weight)
-    first = _line(address + stride * index[0], spare)
-    if count == 1:
-        return first
-    second = _line(address + stride * index[1], spare)
+def _blend(spare, address, stride, count, index, weight):
+    """Rows of an image, weighted, in ``spare``."""
+    first, second = _line(address + stride * index[0], spare), _line(address + stride * index[1], spare)
     if count == 2:
         _blended(spare, first, second, weight[0], weight[1])
     else:
         third, fourth = _line(address + stride * index[2], spare), _line(address + stride * index[3], spare)
         _blended_four(spare, first, second, third, fourth, weight)
-    return spare
 
 
 @njit(**_JIT)
@@ -205,16 +206,34 @@ def _pixels(out, pattern, image, table, node):
 
     The same pixels of all cells come one after the other: their weights stay in registers, and of four nodes three.
     """
-    pitch = table.shape[1]
-    whole = out.shape[0] // pitch
-    for p in range(0, pitch, LANES):
+    pitch, columns = table.shape[1], out.shape[0]
+    whole, p = columns // pitch, 0
+    while p + 2 * LANES <= pitch:
+        q = p + LANES
+        wa, wb, wc, wd = load(table, p), load(table, pitch + p), load(table, 2 * pitch + p), load(table, 3 * pitch + p)
+        va, vb, vc, vd = load(table, q), load(table, pitch + q), load(table, 2 * pitch + q), load(table, 3 * pitch + q)
+        a, b, c = spread(node, 0), spread(node, 1), spread(node, 2)
+        x = p
+        for k in range(whole):
+            d = spread(node, k + 3)
+            total = wa * a + load(pattern, x) * load(image, x)
+            more = va * a + load(pattern, x + LANES) * load(image, x + LANES)
+            total = wb * b + total
+            more = vb * b + more
+            total = wc * c + total
+            more = vc * c + more
+            store(out, x, wd * d + total)
+            store(out, x + LANES, vd * d + more)
+            a, b, c = b, c, d
+            x += pitch
+        p += 2 * LANES
+    if p < pitch:
         wa, wb, wc, wd = load(table, p), load(table, pitch + p), load(table, 2 * pitch + p), load(table, 3 * pitch + p)
         a, b, c = spread(node, 0), spread(node, 1), spread(node, 2)
         x = p
         for k in range(whole):
             d = spread(node, k + 3)
-            total = load(pattern, x) * load(image, x)
-            total = wa * a + total
+            total = wa * a + load(pattern, x) * load(image, x)
             total = wb * b + total
             total = wc * c + total
             store(out, x, wd * d + total)
@@ -360,6 +379,7 @@ def frame_rows(
     ring = np.empty((4, (5 if fringed.shape[2] > 0 else 1) * nodes), out.dtype)
     node, spare, along, w = np.empty(nodes, out.dtype), np.empty_like(out[0]), table.T.copy(), np.empty(4, out.dtype)
     first, weight, index = np.empty(layers, np.int64), np.empty((layers, 4), out.dtype), np.empty(4, np.int64)
+    begin, blended, line = out.ctypes.data, spare.ctypes.data, spare.shape[0] * spare.itemsize
     moved = shift / step
     unit = min(pitch, PIECE)
     pieces, turns = -(-rows // unit), 0
@@ -382,12 +402,16 @@ def frame_rows(
             elif nodes:
                 _mixed(node, ring, cell, along, j - cell * pitch, turn, j)
             for s in range(terms.shape[0]):
-                pattern = _line(terms[s, 0] + j * spare.shape[0] * spare.itemsize, spare)
-                image = _seen(spare, terms[s], place[s, j] + shift, wrap, index, w)
+                count = _taps(place[s, j] + shift, terms[s, 3], terms[s, 4], wrap, index, w)
+                at = terms[s, 1] + terms[s, 2] * index[0]  # where the scene's row begins
+                if count > 1:
+                    _blend(spare, terms[s, 1], terms[s, 2], count, index, w)
+                    at = blended
+                pattern, image = _line(terms[s, 0] + j * line, spare), _line(at, spare)
                 if s == 0 and nodes:
-                    _pixels(out[j], pattern, image, table, node)
+                    _pixels(_line(begin + j * line, spare), pattern, image, table, node)
                 else:
-                    _product(out[j], pattern, image, s > 0)
+                    _product(_line(begin + j * line, spare), pattern, image, s > 0)
         count_up(counter, 1)
     _wait(counter, pieces)
     return pieces
