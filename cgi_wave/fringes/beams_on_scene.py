@@ -57,8 +57,9 @@ class Sharp:
         fits = self.image.shape[::2] == (modes, columns) and len(self.row) == rows
         lines = self.pattern.flags.c_contiguous and self.image.strides[2] == self.image.itemsize
         if not (fits and lines and self.pattern.dtype == self.image.dtype):
-            raise InputError("frames", f"layer {self.name}", f"{self.pattern.shape}, {self.image.shape}",
-                             "has pattern and image that do not fit", "give (C, R, X) and (C, H, X) of one type")  # fmt: skip
+            shapes = f"{self.pattern.shape}, {self.image.shape}"
+            raise InputError("frames", f"layer {self.name}", shapes, "pattern and image do not fit each other",
+                             "give (C, R, X) and (C, H, X) of one type, lines contiguous")  # fmt: skip
 
     @cached_property
     def reach(self) -> Array:
@@ -126,7 +127,7 @@ class Beams:
     def frame(self, shift: float, out: Real | None = None, pool: ThreadPoolExecutor | None = None) -> Real:
         """(R, X) the frame when the ground has moved by ``shift`` rows; into ``out`` if given.
 
-        ``pool``: two threads share the rows; the result is the same to the last bit.
+        ``pool``: one thread of it helps the caller; the result is the same to the last bit.
 
         Raises InputError when the nominal beam looks beyond a scene that does not repeat, or ``out`` does not fit.
         """

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import carray, njit
 
-from cgi_wave.kernels.lanes import LANES, count_up, counted, fetch, load, nothing, pointer, spread, store
+from cgi_wave.kernels.lanes import LANES, count_up, counted, load, nothing, pointer, spread, store
 
 #: A product may be fused with the sum it goes into; nothing else of IEEE arithmetic is given up.
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
@@ -160,19 +160,6 @@ def _taps(place, size, count, wrap, index, weight):
 
 
 @njit(**_JIT)
-def _blended(seen, a, b, wa, wb):
-    for x in range(seen.shape[0]):
-        seen[x] = wa * a[x] + wb * b[x]
-
-
-@njit(**_JIT)
-def _blended_four(seen, a, b, c, d, w):
-    wa, wb, wc, wd = w[0], w[1], w[2], w[3]
-    for x in range(seen.shape[0]):
-        seen[x] = wa * a[x] + wb * b[x] + wc * c[x] + wd * d[x]
-
-
-@njit(**_JIT)
 def _line(address, like):
     """The contiguous row, as long as ``like``, whose data begin at an address. Unlike ``like`` it is not counted:
     counting who holds an array takes longer than all else that is done once per row."""
@@ -181,22 +168,41 @@ def _line(address, like):
 
 @njit(**_JIT)
 def _blend(spare, address, stride, count, index, weight):
-    """Rows of an image, weighted, in ``spare``."""
-    first, second = _line(address + stride * index[0], spare), _line(address + stride * index[1], spare)
+    """Two or four rows of an image, weighted, in ``spare``. Left to itself the compiler fears that they overlap."""
+    columns = spare.shape[0]
+    whole = columns - columns % LANES
+    a, b = _line(address + stride * index[0], spare), _line(address + stride * index[1], spare)
+    wa, wb = spread(weight, 0), spread(weight, 1)
     if count == 2:
-        _blended(spare, first, second, weight[0], weight[1])
-    else:
-        third, fourth = _line(address + stride * index[2], spare), _line(address + stride * index[3], spare)
-        _blended_four(spare, first, second, third, fourth, weight)
+        for x in range(0, whole, LANES):
+            store(spare, x, wb * load(b, x) + wa * load(a, x))
+        for x in range(whole, columns):
+            spare[x] = weight[0] * a[x] + weight[1] * b[x]
+        return
+    c, d = _line(address + stride * index[2], spare), _line(address + stride * index[3], spare)
+    wc, wd = spread(weight, 2), spread(weight, 3)
+    for x in range(0, whole, LANES):
+        total = wb * load(b, x) + wa * load(a, x)
+        total = wc * load(c, x) + total
+        store(spare, x, wd * load(d, x) + total)
+    for x in range(whole, columns):
+        spare[x] = weight[0] * a[x] + weight[1] * b[x] + weight[2] * c[x] + weight[3] * d[x]
 
 
 @njit(**_JIT)
 def _product(out, pattern, image, add):
+    """Pattern times image, set or added."""
+    columns = out.shape[0]
+    whole = columns - columns % LANES
     if add:
-        for x in range(out.shape[0]):
+        for x in range(0, whole, LANES):
+            store(out, x, load(pattern, x) * load(image, x) + load(out, x))
+        for x in range(whole, columns):
             out[x] += pattern[x] * image[x]
     else:
-        for x in range(out.shape[0]):
+        for x in range(0, whole, LANES):
+            store(out, x, load(pattern, x) * load(image, x))
+        for x in range(whole, columns):
             out[x] = pattern[x] * image[x]
 
 
@@ -335,7 +341,8 @@ def _mixed(node, ring, first, along, row, turn, j):
     along (pitch, 4): their weights, its row ``row``; turn (2, R, K).
     """
     size = node.shape[0]
-    wa, wb, wc, wd = spread(along, 4 * row), spread(along, 4 * row + 1), spread(along, 4 * row + 2), spread(along, 4 * row + 3)  # noqa: E501
+    at = 4 * row
+    wa, wb, wc, wd = spread(along, at), spread(along, at + 1), spread(along, at + 2), spread(along, at + 3)
     cosine, sine = j * size, (turn.shape[1] + j) * size
     if ring.shape[1] == size:
         for k in range(0, size, LANES):
@@ -359,8 +366,8 @@ def frame_rows(
 
     out (R, X), contiguous
     terms (S, 5): of each sharp layer and spectral mode where the data of its pattern (R, X), contiguous, and of its
-    image (H, X) begin, bytes from row to row of the image, H, and taps (2 or 4); place (S, R): rows of the image at scroll 0; shift: rows by which the
-    ground has moved; wrap: images repeat along track
+    image (H, X) begin, bytes from row to row of the image, H, and taps (2 or 4)
+    place (S, R): rows of the image at scroll 0; shift: rows by which the ground has moved; wrap: images repeat
     K nodes make G = K / LANES groups; K is filled up with zeros. No nodes: no smooth layers
     turn (2, R, K): cos and sin of the nominal phase of each row of pixels, at the nodes
     fringed (N, G, E, 5, LANES), plain (N, G, F, LANES): envelopes of layers with and without fringes, of 1, and for the

@@ -156,21 +156,6 @@ def counted(context, counter, at):
 
 
 @intrinsic
-def fetch(context, array, at):
-    """Ask for the memory of array's element number ``at``, which may lie beyond its end, before it is needed."""
-
-    def code(context, builder, signature, args):
-        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        place = builder.bitcast(builder.gep(_data(context, builder, signature.args[0], args[0]), [args[1]]), byte)
-        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-        asked = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
-        builder.call(asked, [place, ir.Constant(word, 0), ir.Constant(word, 3), ir.Constant(word, 1)])
-        return context.get_dummy_value()
-
-    return types.void(array, types.int64), code
-
-
-@intrinsic
 def pointer(context, address):
     """What ``numba.carray`` takes, from ``array.ctypes.data``."""
 
