@@ -188,11 +188,15 @@ class Beams:
 
 def no_layers(shape: tuple[int, int], dtype: type) -> Smooth:
     """A grid without nodes."""
-    n, count = kernels.LANES, np.zeros(0, np.int64)
-    some = (np.zeros(size, dtype) for size in ((2, 0, 0), (0, 0, 0, 5, n), (0, 0, 0, n), (0, 0, 0, n), (0, 0, 0, n)))
-    turn, fringed, plain, own, coarse = some
-    return Smooth(smooth.grid(shape, kernels.PIECE, dtype), turn, np.full(shape[0], -1), fringed, plain, own, coarse,
-                  np.zeros((0, 0)), np.zeros(0), count)  # fmt: skip
+    n, where = kernels.LANES, smooth.grid(shape, kernels.PIECE, dtype)
+
+    def none(*size: int) -> Real:
+        return np.zeros(size, dtype)
+
+    return Smooth(
+        where, none(2, 0, 0), np.full(shape[0], -1), none(0, 0, 0, 5, n), none(0, 0, 0, n), none(0, 0, 0, n),
+        none(0, 0, 0, n), np.zeros((0, 0)), np.zeros(0), np.zeros(0, np.int64),
+    )  # fmt: skip
 
 
 def _done(counter: Index, pieces: int) -> None:

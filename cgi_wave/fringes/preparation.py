@@ -104,7 +104,8 @@ def prepare(
 
 def _blur_of(layer: Layer, maps: Real, allowed: float, scale: float, single: bool) -> blur.Blur:
     """How the layer's blur is done: its error, times pattern and scene, within ``allowed``."""
-    kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
+    seen = layer.view is not None and layer.view.kernel.size > 1
+    kernel = layer.view.kernel.astype(np.float64) if layer.view is not None and seen else None
     weight = float(np.abs(layer.pattern).max()) or 1.0
     return blur.choose(kernel, allowed / (weight * scale), maps.shape[1] * maps.shape[2], single)
 
@@ -136,7 +137,7 @@ def _blurred(
     first, last = _scrolls(maps.shape[1], zone)
     rows = (0, maps.shape[1]) if tile else (int(row.min() + first) - 4, int(row.max() + last) + 5)
     columns = int(column.min()) - 4, int(column.max()) + 5
-    return blur.part(maps, how, view.kernel, tile, rows, columns), (-rows[0], -columns[0])
+    return blur.part(maps, how, view.kernel.astype(np.float64), tile, rows, columns), (-rows[0], -columns[0])
 
 
 def _scrolls(height: int, zone: Zone) -> tuple[float, float]:
@@ -321,15 +322,16 @@ def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: 
     which = np.full(zone.shape[0], -1)
     which[list(zone.dark)] = np.arange(len(zone.dark))
     envelopes = [one for part in parts for one in part.envelope]
-    fringed, plain = (
-        np.array([one[:, :lines] for one in envelopes if len(one) == kinds], dtype).reshape(-1, kinds, *where.shape)
-        for kinds in (5, 1)
-    )
-    own = np.array([one[0, lines:] for one in envelopes], dtype)
+
+    def of(kinds: int) -> Real:
+        some = [one[:, :lines] for one in envelopes if len(one) == kinds]
+        return np.array(some, dtype).reshape(-1, kinds, *where.shape)
+
+    own: Real = np.array([one[0, lines:] for one in envelopes], dtype)
     phase = np.zeros(zone.shape) if zone.phase is None else zone.phase
     return Smooth(
         where, _filled(smooth.turns(phase, where, dtype)), which,
-        _grouped(fringed, (2, 3, 0, 1)), _grouped(plain[:, 0], (1, 2, 0)), _grouped(own, (1, 2, 0)),
+        _grouped(of(5), (2, 3, 0, 1)), _grouped(of(1)[:, 0], (1, 2, 0)), _grouped(own, (1, 2, 0)),
         _grouped(coarse, (2, 0, 1)), np.repeat([part.row for part in parts], modes, axis=0),
         np.repeat([part.step for part in parts], modes), size,
     )  # fmt: skip
@@ -361,8 +363,8 @@ def _check(layers: Sequence[Layer], maps: Real, zone: Zone) -> None:
                    "synthesise it for this zone and these spectral modes")  # fmt: skip
         if not np.all(np.isfinite(layer.pattern)):
             refuse(f"layer {layer.name}.pattern", "NaN or infinity", "must be finite", "synthesise it again")
-        if layer.view is not None and abs(float(layer.view.kernel.sum()) - 1.0) > 1e-6:
-            refuse(f"layer {layer.name}.kernel", float(layer.view.kernel.sum()), "must add up to 1",
+        if layer.view is not None and abs(float(layer.view.kernel.sum(dtype=np.float64)) - 1.0) > 1e-6:
+            refuse(f"layer {layer.name}.kernel", float(layer.view.kernel.sum(dtype=np.float64)), "must add up to 1",
                    "divide it by its sum; power belongs to the pattern")  # fmt: skip
     left = int(np.ceil(max(-zone.column, 0.0) - WHOLE))
     right = int(np.ceil(max(zone.column + zone.shape[1] - maps.shape[2], 0.0) - WHOLE))
