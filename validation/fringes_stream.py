@@ -40,7 +40,7 @@ FRAMES = (200, 2000)
 REAL_SEQUENCES = (700, 2000)
 #: Frames' sizes in an array that no cache holds.
 BEYOND_CACHE = 16
-ALONE = 20  # multiplications that are handed over together
+ALONE = 20  # frames in a row, and multiplications handed over together
 REAL_FRAMES = 600  # of the real scene, after which they are gone through again
 NO_ERRORS = dict.fromkeys([field.name for field in fields(Layer)][3:], 0.0)
 
@@ -77,8 +77,9 @@ def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -
 def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch: int = 4) -> dict[str, Any]:
     """Frames against out = a·b over arrays of a frame's size, two threads each, in turns; the best of each counts.
 
-    Each multiplication is handed to the second thread by itself, as each frame is (``multiply``), and many at a time,
-    so that nothing but the arithmetic and the memory takes time (``multiply_alone``): the harder measure.
+    In turns each begins with arrays that the others have driven out of the cache, and each multiplication is handed to
+    the second thread by itself, as each frame is. The harder measure is ``steady``: ALONE frames of one scroll in a
+    row, against as many multiplications that are handed over together, all in a cache that nothing else uses.
 
     Both are counted as two arrays read and one written. Arrays of a frame's size lie in the processor's cache, as those
     of a frame do in part; beside them stands the same over arrays BEYOND_CACHE times as large, per frame's size. With
@@ -97,7 +98,7 @@ def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch:
     found |= _turns(made, repeats, batch)
     for name, share in (("ghosts", ""), ("no_ghosts", "_no_ghosts"), ("ghosts_fraction_of_a_row", "_part_rows")):
         found[f"stream_fraction{share}"] = found["multiply_ms"] / found[f"{name}_ms"]
-        found[f"stream_fraction_alone{share}"] = found["multiply_alone_ms"] / found[f"{name}_ms"]
+        found[f"stream_fraction_steady{share}"] = found["multiply_steady_ms"] / found[f"{name}_steady_ms"]
         found[f"stream_fraction_of_memory{share}"] = found["multiply_in_memory_ms"] / found[f"{name}_ms"]
     if field is not None:
         beams = _real(field)
@@ -105,6 +106,7 @@ def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch:
         times = _turns({"real": (beams, 1.0)}, repeats, batch)
         found |= {"real_layers": dict(ways), "real_shape": beams.zone.shape, "real_error": beams.error}
         found |= {"real_ms": times["real_ms"], "stream_fraction_real": times["multiply_ms"] / times["real_ms"]}
+        found["stream_fraction_steady_real"] = times["multiply_steady_ms"] / times["real_steady_ms"]
     return found
 
 
@@ -148,11 +150,16 @@ def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> di
                 for k in range(turn * batch, (turn + 1) * batch):
                     run(k)
                 best[name] = min(best[name], (time.perf_counter() - started) / batch)
-        best["multiply_alone"] = np.inf
-        for _ in range(repeats):
-            started = time.perf_counter()
-            many()
-            best["multiply_alone"] = min(best["multiply_alone"], (time.perf_counter() - started) / ALONE)
+        for name in (*made, "multiply"):
+            best[f"{name}_steady"] = np.inf
+            for turn in range(repeats // 3):
+                started = time.perf_counter()
+                if name == "multiply":
+                    many()
+                else:
+                    for k in range(turn * ALONE, (turn + 1) * ALONE):
+                        runs[name](k)
+                best[f"{name}_steady"] = min(best[f"{name}_steady"], (time.perf_counter() - started) / ALONE)
         large = [np.tile(array, (BEYOND_CACHE, 1)) for array in (a, b, out)]
         spans = (slice(0, half * BEYOND_CACHE), slice(half * BEYOND_CACHE, None))
         best["multiply_in_memory"] = np.inf

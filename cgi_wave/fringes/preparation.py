@@ -91,7 +91,7 @@ def prepare(
         if turning <= share:
             middle = zone.shape[0] // 2, zone.shape[1] // 2
             image = _columns(seen, column[middle[0]], count)
-            sharp.append(Sharp(layer.name, pattern, image, row[:, middle[1]], count, margin[0], number == 0))
+            sharp.append(Sharp(layer.name, pattern, image, row[:, middle[1]].copy(), count, margin[0], number == 0))
             plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error + turning))
         else:
             warped.append(Warped(layer.name, pattern, seen, column, row, count))

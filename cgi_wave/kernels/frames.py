@@ -402,23 +402,24 @@ def frame_rows(
                 _places(i, row, moved, size, wrap, first, weight)
                 _node_row(ring[i % 4], i, fringed, plain, coarse, first, weight)
         held = cell
-        for j in range(piece * unit, min((piece + 1) * unit, rows)):
-            if nodes and which[j] >= 0:
-                _places(lines + which[j], row, moved, size, wrap, first, weight)
-                _own_row(node, which[j], own, coarse, first, weight)
-            elif nodes:
-                _mixed(node, ring, cell, along, j - cell * pitch, turn, j)
-            for s in range(terms.shape[0]):
+        # Layer by layer: rows of many images begin at like addresses, and would drive each other out of the cache.
+        for s in range(terms.shape[0]):
+            for j in range(piece * unit, min((piece + 1) * unit, rows)):
                 count = _taps(place[s, j] + shift, terms[s, 3], terms[s, 4], wrap, index, w)
                 at = terms[s, 1] + terms[s, 2] * index[0]  # where the scene's row begins
                 if count > 1:
                     _blend(spare, terms[s, 1], terms[s, 2], count, index, w)
                     at = blended
                 pattern, image = _line(terms[s, 0] + j * line, spare), _line(at, spare)
-                if s == 0 and nodes:
-                    _pixels(_line(begin + j * line, spare), pattern, image, table, node)
-                else:
+                if s > 0 or nodes == 0:
                     _product(_line(begin + j * line, spare), pattern, image, s > 0)
+                    continue
+                if which[j] >= 0:
+                    _places(lines + which[j], row, moved, size, wrap, first, weight)
+                    _own_row(node, which[j], own, coarse, first, weight)
+                else:
+                    _mixed(node, ring, cell, along, j - cell * pitch, turn, j)
+                _pixels(_line(begin + j * line, spare), pattern, image, table, node)
         count_up(counter, 1)
     _wait(counter, pieces)
     return pieces
