@@ -173,7 +173,7 @@ def test_refusals(change, words):
 
 
 def test_a_layer_whose_pattern_and_image_do_not_fit_is_refused():
-    """The compiled loops look at nothing: other rows, columns, modes, types and strides would read beyond the arrays."""
+    """The compiled loops look at nothing: others would make them read beyond the arrays."""
     pattern, image, row = np.ones((2, 12, 10)), np.ones((2, 30, 10)), np.arange(12.0)
     Sharp("good", pattern, image, row, 2, 0, True)
     for a, b, c in (
