@@ -224,8 +224,9 @@ def ready_for(
     weights = band_filter.transmission(placed.sigma) * placed.shapes
     watch.lap("scene")
     progress(f"{field.band}: patterns of {len(field.pairs)} pairs of beams and {len(placed.shapes)} spectral shapes")
-    nominal = fringe_patterns(with_families(field, ()), placed.sigma, weights)
-    layers = fringe_patterns(field, placed.sigma, weights) if ghosts else nominal
+    own = np.dtype(precision).type
+    nominal = fringe_patterns(with_families(field, ()), placed.sigma, weights, dtype=own)
+    layers = fringe_patterns(field, placed.sigma, weights, dtype=own) if ghosts else nominal
     watch.lap("patterns")
     at_y, at_x = field.to(field.y_pixels, field.x_pixels)
     phase = 2.0 * np.pi * field.sigma0 * (at_y @ at_sigma(field.nominal, field.sigma0)[1] @ at_x)
@@ -233,7 +234,6 @@ def ready_for(
     image = None
     if field.psf is not None:
         progress(f"{field.band}: nominal image")
-        own = np.dtype(precision).type
         image = nominal_image(field.psf, field.zone, zone, placed.maps, IMAGES, own)
         watch.lap("nominal image")
     progress(f"{field.band}: images of {len(layers)} layers")
@@ -247,9 +247,11 @@ def ready_for(
     edge = edge_error(layers, field.psf, placed.maps, zone, reach)
     apart = mutual_error(field, placed.maps[0]) if ghosts else (0.0, 0.0)
     watch.lap("errors")
-    uniform = np.sum([layer.pattern[0] for layer in layers], axis=0)
+    uniform = np.zeros(zone.shape)
+    for layer in layers:  # one by one: all of them at once would be the largest array of all
+        uniform += layer.pattern[0]
     if ghosts:
-        layers = tuple(replace(layer, pattern=layer.pattern[:, :0]) for layer in layers)
+        layers = tuple(replace(layer, pattern=layer.pattern[:, :0].copy()) for layer in layers)  # a view keeps all
     return Ready(
         loaded, field, placed, band_filter, zone, phase, uniform, layers, beams, nominal, bare, image, edge, apart
     )

@@ -125,7 +125,7 @@ def scroll(
     film = _Film(total, ready.zone.shape)
     taken = film.watched(_recorded(stream(ready.beams, moves), detector, seed, film), sink)
     pairs = zip(_added(stream(ready.nominal_beams, moves), plan), _added(taken, plan), strict=True)
-    done: tuple[list[tuple[int, Array, Array, int]], ...] = ([], [])
+    done: tuple[list[tuple[int, Real, Real, int]], ...] = ([], [])
     for k, both in enumerate(pairs):
         for run, one, rows_done in zip(runs, both, done, strict=True):
             rows_done.extend(run.add(one))

@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -25,18 +26,21 @@ from cgi_wave.fields import fringe_field
 from cgi_wave.frames import Stopwatch, ready_for
 from cgi_wave.fringes.beams_on_scene import Beams
 from cgi_wave.fringes.field import FringeField, SceneView
-from cgi_wave.fringes.field_file import load_field
+from cgi_wave.fringes.field_file import load_field, save_field
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.maps import GroundFit, Window, window
 from cgi_wave.fringes.pattern import Layer
 from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.scroll import give_back, motion, stream
 from cgi_wave.optics.system import load_instrument
+from cgi_wave.scrolling import scroll
 
 SIZE, PITCH, GHOSTS = 1024, 15e-6, 20
 FRAMES = (200, 2000)
+REAL_SEQUENCES = (700, 2000)
 #: Frames' sizes in an array that no cache holds.
 BEYOND_CACHE = 16
+ALONE = 20  # frames in a row, and multiplications handed over together
 REAL_FRAMES = 600  # of the real scene, after which they are gone through again
 NO_ERRORS = dict.fromkeys([field.name for field in fields(Layer)][3:], 0.0)
 
@@ -73,6 +77,10 @@ def synthetic(size: int = SIZE, ghosts: int = GHOSTS, tolerance: float = 1e-5) -
 def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch: int = 4) -> dict[str, Any]:
     """Frames against out = a·b over arrays of a frame's size, two threads each, in turns; the best of each counts.
 
+    In turns each begins with arrays that the others have driven out of the cache, and each multiplication is handed to
+    the second thread by itself, as each frame is. The harder measure is ``steady``: ALONE frames of one scroll in a
+    row, against as many multiplications that are handed over together, all in a cache that nothing else uses.
+
     Both are counted as two arrays read and one written. Arrays of a frame's size lie in the processor's cache, as those
     of a frame do in part; beside them stands the same over arrays BEYOND_CACHE times as large, per frame's size. With
     synthetic ghosts, and over the embedded scene with those of a real field, if given. Batches are short, so that the
@@ -90,6 +98,7 @@ def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch:
     found |= _turns(made, repeats, batch)
     for name, share in (("ghosts", ""), ("no_ghosts", "_no_ghosts"), ("ghosts_fraction_of_a_row", "_part_rows")):
         found[f"stream_fraction{share}"] = found["multiply_ms"] / found[f"{name}_ms"]
+        found[f"stream_fraction_steady{share}"] = found["multiply_steady_ms"] / found[f"{name}_steady_ms"]
         found[f"stream_fraction_of_memory{share}"] = found["multiply_in_memory_ms"] / found[f"{name}_ms"]
     if field is not None:
         beams = _real(field)
@@ -97,6 +106,7 @@ def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch:
         times = _turns({"real": (beams, 1.0)}, repeats, batch)
         found |= {"real_layers": dict(ways), "real_shape": beams.zone.shape, "real_error": beams.error}
         found |= {"real_ms": times["real_ms"], "stream_fraction_real": times["multiply_ms"] / times["real_ms"]}
+        found["stream_fraction_steady_real"] = times["multiply_steady_ms"] / times["real_steady_ms"]
     return found
 
 
@@ -121,6 +131,13 @@ def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> di
             np.multiply(*first)
             other.result()
 
+        def many() -> None:
+            first, last = ([array[rows] for array in (a, b, out)] for rows in spans)
+            other = pool.submit(lambda: [np.multiply(*last) for _ in range(ALONE)])
+            for _ in range(ALONE):
+                np.multiply(*first)
+            other.result()
+
         runs: dict[str, Callable[[int], object]] = {"multiply": lambda _: multiply((a, b, out))}
         for name, (beams, step) in made.items():
             runs[name] = lambda k, beams=beams, step=step: beams.frame(step * (k % REAL_FRAMES), out, pool)
@@ -133,6 +150,16 @@ def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> di
                 for k in range(turn * batch, (turn + 1) * batch):
                     run(k)
                 best[name] = min(best[name], (time.perf_counter() - started) / batch)
+        for name in (*made, "multiply"):
+            best[f"{name}_steady"] = np.inf
+            for turn in range(repeats // 3):
+                started = time.perf_counter()
+                if name == "multiply":
+                    many()
+                else:
+                    for k in range(turn * ALONE, (turn + 1) * ALONE):
+                        runs[name](k)
+                best[f"{name}_steady"] = min(best[f"{name}_steady"], (time.perf_counter() - started) / ALONE)
         large = [np.tile(array, (BEYOND_CACHE, 1)) for array in (a, b, out)]
         spans = (slice(0, half * BEYOND_CACHE), slice(half * BEYOND_CACHE, None))
         best["multiply_in_memory"] = np.inf
@@ -160,6 +187,48 @@ def memory_and_time() -> dict[str, Any]:
         "seconds_2000_frames": rows[-1]["seconds"],
         "sequences": rows,
     }
+
+
+def real_memory(field: FringeField) -> dict[str, Any]:
+    """The same of the whole command ``scroll``, with all that it keeps: field, scene, images, two sequences, maps.
+
+    Per pixel of the zone. Its sequences are as long as REAL_SEQUENCES; the embedded scene and the maps grow with them.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "field.nc"
+        save_field(field, file)
+        rows = []
+        for frames in REAL_SEQUENCES:
+            words = [sys.executable, "-m", "validation.fringes_stream", "--worker", str(frames), "--field", str(file)]
+            rows.append(json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout))
+    short, long = rows
+    return {
+        "memory_bytes_per_pixel_real": short["bytes_per_pixel"],
+        "memory_bytes_per_pixel_and_frame_real": (long["bytes_per_pixel"] - short["bytes_per_pixel"])
+        / (long["frames"] - short["frames"]),
+        "setup_bytes_per_pixel_real": short["setup_bytes_per_pixel"],
+        "sequences_real": rows,
+    }  # fmt: skip
+
+
+def real_worker(frames: int, field: FringeField, base: int) -> dict[str, float]:
+    """One real scroll: as ``worker``, by zone pixel; base: KiB that the process held before it read the field."""
+    setup, started = 0, 0.0
+
+    def sink(k: int, _: object) -> None:
+        nonlocal setup, started
+        if k == 0:
+            setup, started = _resident("VmHWM"), time.perf_counter()
+            Path("/proc/self/clear_refs").write_text("5")
+
+    begun = time.perf_counter()
+    done = scroll(field.band, "landsat", frames, field=field, sink=sink)
+    pixels = len(field.y_pixels) * len(field.x_pixels)
+    return {
+        "frames": frames, "ground_rows": len(done.y_m), "seconds": time.perf_counter() - started,
+        "prepare_seconds": started - begun, "setup_bytes_per_pixel": 1024.0 * (setup - base) / pixels,
+        "bytes_per_pixel": 1024.0 * (_resident("VmHWM") - base) / pixels,
+    }  # fmt: skip
 
 
 def worker(frames: int) -> dict[str, float]:
@@ -197,7 +266,7 @@ def _scroll(beams: Beams, fit: Window, frames: int) -> int:
 
 def study(field: FringeField | None = None) -> dict[str, Any]:
     """All figures; with those of a real field, if one is given."""
-    return {**stream_fraction(field), **memory_and_time()}
+    return {**stream_fraction(field), **memory_and_time(), **({} if field is None else real_memory(field))}
 
 
 def main() -> None:
@@ -207,8 +276,12 @@ def main() -> None:
     parser.add_argument("--field", help="file of the NIR fringe field; traced if not given")
     parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.worker is not None:
-        found: dict[str, Any] = worker(options.worker)
+    if options.worker is not None and options.field is not None:
+        _scroll(*synthetic(128, 2, 1e-3), 140)  # imports and compiles
+        base = _resident("VmRSS")
+        found: dict[str, Any] = real_worker(options.worker, load_field(options.field), base)
+    elif options.worker is not None:
+        found = worker(options.worker)
     elif options.field is not None:
         found = study(load_field(options.field, {}))
     else:

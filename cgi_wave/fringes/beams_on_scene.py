@@ -15,8 +15,10 @@ most 1/24 of the fourth difference (3/128 away from the scene's ends). Blurred m
 
 from __future__ import annotations
 
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -30,7 +32,7 @@ from cgi_wave.kernels import frames as kernels
 Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 Index = NDArray[np.int64]
-WHOLE = 1e-9  # of a pixel: an offset this close to a whole number is one
+WHOLE = kernels.WHOLE  # of a pixel: an offset this close to a whole number is one
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class Sharp:
     """pattern (C, R, X); image (C, H, X), columns resampled; row (R,): rows of the image at scroll 0; taps 2 or 4.
 
     margin : rows of the image before the scene's first; strict : to look beyond the scene is an error
+
+    Raises InputError for arrays whose lines are not contiguous, or whose numbers of modes, columns or rows differ.
     """
 
     name: str
@@ -47,6 +51,20 @@ class Sharp:
     taps: int
     margin: int
     strict: bool
+
+    def __post_init__(self) -> None:
+        modes, rows, columns = self.pattern.shape
+        fits = self.image.shape[::2] == (modes, columns) and len(self.row) == rows
+        lines = self.pattern.flags.c_contiguous and self.image.strides[2] == self.image.itemsize
+        if not (fits and lines and self.pattern.dtype == self.image.dtype):
+            shapes = f"{self.pattern.shape}, {self.image.shape}"
+            raise InputError("frames", f"layer {self.name}", shapes, "pattern and image do not fit each other",
+                             "give (C, R, X) and (C, H, X) of one type, lines contiguous")  # fmt: skip
+
+    @cached_property
+    def reach(self) -> Array:
+        """Lowest and highest row at scroll 0."""
+        return np.array([self.row.min(), self.row.max()])
 
 
 @dataclass(frozen=True)
@@ -63,14 +81,16 @@ class Warped:
 
 @dataclass(frozen=True)
 class Smooth:
-    """All smooth layers on one grid, those with fringes first: see ``kernels.frames.frame_rows``. row (E, N): coarse
-    rows at scroll 0; step: rows of the scene per coarse row; size: coarse rows of each layer, both (E,)."""
+    """All smooth layers on one grid, those with fringes first, as ``kernels.frames.frame_rows`` wants them. row
+    (E, N + D): coarse rows at scroll 0; step: rows of the scene per coarse row; size: coarse rows of each layer, both
+    (E,)."""
 
     grid: smooth.Grid
     turn: Real
-    own: Index
+    which: Index
     fringed: Real
     plain: Real
+    own: Real
     coarse: Real
     row: Array
     step: Array
@@ -107,7 +127,7 @@ class Beams:
     def frame(self, shift: float, out: Real | None = None, pool: ThreadPoolExecutor | None = None) -> Real:
         """(R, X) the frame when the ground has moved by ``shift`` rows; into ``out`` if given.
 
-        ``pool``: two threads share the rows; the result is the same to the last bit.
+        ``pool``: one thread of it helps the caller; the result is the same to the last bit.
 
         Raises InputError when the nominal beam looks beyond a scene that does not repeat, or ``out`` does not fit.
         """
@@ -116,55 +136,47 @@ class Beams:
         if out.shape != (rows, columns) or out.dtype != self.dtype or not out.flags.c_contiguous:
             raise InputError("frames", "out", f"{out.dtype} {out.shape}", "does not fit the frame",
                              f"give a contiguous {np.dtype(self.dtype)} array of {(rows, columns)}")  # fmt: skip
-        ready = [self._rows_of(term, shift) for term in self.sharp]
-        unit = 4 if self.smooth is None else self.smooth.grid.pitch
-        half = -(-rows // (2 * unit)) * unit
-        spans = [(0, rows)] if pool is None or half >= rows else [(0, half), (half, rows)]
+        self.ready(shift)
+        counters = np.zeros((1 + len(self.warped), 2), np.int64)
 
-        def work(part: int) -> None:
-            first, last = spans[part]
-            for number, (term, (index, weight)) in enumerate(zip(self.sharp, ready, strict=True)):
-                if number == 0 and self.smooth is not None:
-                    self._fused(self.smooth, shift, out, term, index, weight, first, last)
-                else:
-                    kernels.sharp_rows(out, term.pattern, term.image, index, weight, first, last, number > 0)
-            for turned in self.warped:
+        def work(from_top: bool) -> None:
+            pieces = kernels.frame_rows(out, self._terms, self._places, shift, self.wrap, *self._smooth, counters[0],
+                                        from_top)  # fmt: skip
+            _done(counters[0], pieces)
+            for turned, counter in zip(self.warped, counters[1:], strict=True):
                 kernels.warped_rows(out, turned.pattern, turned.image, turned.x, turned.y, shift, self.wrap,
-                                    turned.taps, first, last)  # fmt: skip
+                                    turned.taps, counter, from_top)  # fmt: skip
+                _done(counter, -(-rows // kernels.PIECE))
 
-        # The caller is one of the two: waking a thread takes as long as a tenth of a frame.
-        other = pool.submit(work, 1) if pool is not None and len(spans) > 1 else None
-        work(0)
-        if other is not None:
-            other.result()
+        # The caller is one of the two, and does not wait for the other to wake up: that takes a tenth of a frame.
+        if pool is not None:
+            pool.submit(work, False)
+        work(True)
         return out
 
     def ready(self, shift: float) -> None:
         """Raise InputError if the nominal beam looks beyond the scene at this scroll."""
-        for term in self.sharp:
-            self._rows_of(term, shift)
+        for term in self.sharp if not self.wrap else ():
+            if term.strict:
+                self._inside(term.reach + (shift - term.margin))
 
-    def _fused(
-        self, s: Smooth, shift: float, out: Real, term: Sharp, index: Index, weight: Real, first: int, last: int
-    ) -> None:
-        kernels.frame_rows(
-            out, term.pattern, term.image, index, weight, s.turn, s.own, s.fringed, s.plain, s.coarse,
-            s.row, shift / s.step, s.size, self.wrap, s.grid.table, first, last,
-        )  # fmt: skip
+    @cached_property
+    def _terms(self) -> Index:
+        """(S, 5) see ``kernels.frames.frame_rows``; the addresses are of arrays that ``sharp`` keeps."""
+        return np.array([
+            (pattern.ctypes.data, image.ctypes.data, image.strides[0], len(image), term.taps)
+            for term in self.sharp for pattern, image in zip(term.pattern, term.image, strict=True)
+        ])  # fmt: skip
 
-    def _rows_of(self, term: Sharp, shift: float) -> tuple[Index, Real]:
-        """(R, T) rows of the image and their weights in a frame."""
-        place = term.row + shift
-        nearest, size = np.rint(place), term.image.shape[1]
-        whole = bool(np.abs(place - nearest).max() < WHOLE)
-        if term.strict and not self.wrap:
-            self._inside(place - term.margin)
-        if whole:
-            index = nearest.astype(np.int64)
-            index = index % size if self.wrap else np.clip(index, 0, size - 1)
-            return index[:, None], np.ones((len(place), 1), self.dtype)
-        index, weight = smooth.taps(place, size, self.wrap, term.taps)
-        return index, weight.astype(self.dtype)
+    @cached_property
+    def _places(self) -> Array:
+        return np.repeat([term.row for term in self.sharp], [len(term.pattern) for term in self.sharp], axis=0)
+
+    @cached_property
+    def _smooth(self) -> tuple[NDArray[np.generic], ...]:
+        """What ``kernels.frames.frame_rows`` takes of the smooth layers; without nodes if there are none."""
+        s = self.smooth or no_layers(self.zone.shape, self.dtype)
+        return s.turn, s.which, s.fringed, s.plain, s.own, s.coarse, s.row, s.step, s.size, s.grid.table
 
     def _inside(self, place: Array) -> None:
         before, after = -float(place.min()), float(place.max()) - (self.height - 1)
@@ -172,3 +184,22 @@ class Beams:
         if missing > 0:
             raise InputError("frames", "scene", f"{self.height} rows", f"the scroll needs {missing} rows more",
                              "give a longer scene, fewer frames, or let it repeat along track (tile)")  # fmt: skip
+
+
+def no_layers(shape: tuple[int, int], dtype: type) -> Smooth:
+    """A grid without nodes."""
+    n, where = kernels.LANES, smooth.grid(shape, kernels.PIECE, dtype)
+
+    def none(*size: int) -> Real:
+        return np.zeros(size, dtype)
+
+    return Smooth(
+        where, none(2, 0, 0), np.full(shape[0], -1), none(0, 0, 0, 5, n), none(0, 0, 0, n), none(0, 0, 0, n),
+        none(0, 0, 0, n), np.zeros((0, 0)), np.zeros(0), np.zeros(0, np.int64),
+    )  # fmt: skip
+
+
+def _done(counter: Index, pieces: int) -> None:
+    """Wait until all pieces are done; both threads have stopped taking new ones."""
+    while counter[1] < pieces:
+        time.sleep(2e-5)

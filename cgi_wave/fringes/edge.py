@@ -18,7 +18,9 @@ IDENTITY = np.eye(2, 3)
 ALONG, SCROLLS = 9, 3
 
 
-def weight_beyond(affine: Array, kernel: Array, zone: Zone, shape: tuple[int, int], reach: float = 0.0) -> float:
+def weight_beyond(
+    affine: Array, kernel: NDArray[np.floating], zone: Zone, shape: tuple[int, int], reach: float = 0.0
+) -> float:
     """Largest part of a kernel that falls beyond a scene of ``shape`` rows and columns.
 
     affine (2, 3), kernel (h, w) : as of ``SceneView``; reach : rows by which the ground moves at most. Looked for on a
@@ -30,7 +32,7 @@ def weight_beyond(affine: Array, kernel: Array, zone: Zone, shape: tuple[int, in
     column = zone.column + (affine[0, 0] * x + affine[0, 1] * y + affine[0, 2] - zone.x_m[0]) / zone.pitch
     row = zone.row + (affine[1, 0] * x + affine[1, 1] * y + affine[1, 2] - zone.y_m[0]) / zone.pitch
     sums = np.zeros((kernel.shape[0] + 1, kernel.shape[1] + 1))
-    sums[1:, 1:] = kernel.cumsum(axis=0).cumsum(axis=1)
+    sums[1:, 1:] = kernel.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
     total, least = float(sums[-1, -1]), np.inf
     for shift in np.linspace(0.0, reach, SCROLLS):
         low, high = _inside(row + shift, kernel.shape[0], shape[0])
@@ -57,7 +59,8 @@ def edge_error(
     """
     total = 0.0
     for layer in layers:
-        kernel, affine = np.ones((1, 1)), IDENTITY
+        kernel: NDArray[np.floating] = np.ones((1, 1))
+        affine = IDENTITY
         if layer.view is not None:
             kernel, affine = layer.view.kernel, layer.view.affine
         elif psf is not None:

@@ -87,7 +87,7 @@ class SceneView:
     family: int
     name: str
     affine: Array
-    kernel: Array
+    kernel: NDArray[np.floating]
     misfit_m: float
 
 

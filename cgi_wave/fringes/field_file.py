@@ -189,8 +189,11 @@ def _mutual(get: Mapping[str, NDArray[Any]]) -> dict[int, MutualKernel]:
 
 def _views(get: Mapping[str, NDArray[Any]]) -> tuple[SceneView, ...]:
     found, start = [], 0
+    every = get.get("kernel", np.empty(0))
+    single = every.astype(np.float32)
+    every = single if np.array_equal(single, every) else every  # half of the memory of a field, where nothing is lost
     for k, (height, width) in enumerate(get.get("view_size", np.empty((0, 2), np.int64)).tolist()):
-        kernel = get["kernel"][start : start + height * width].reshape(height, width)
+        kernel = every[start : start + height * width].reshape(height, width)
         start += height * width
         found.append(SceneView(int(get["view_family"][k]), str(get["view_name"][k]), get["view_affine"][k], kernel,
                                float(get["view_misfit"][k])))  # fmt: skip

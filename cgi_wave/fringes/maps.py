@@ -68,14 +68,14 @@ class Retrieved:
     """
 
     ground: NDArray[np.int64]
-    baseline: Array
-    modulation: Array
-    nma: Array
-    phase: Array
+    baseline: Real
+    modulation: Real
+    nma: Real
+    phase: Real
     seen: NDArray[np.int64]
     window: int
     fringes: int
-    nma_error: Array
+    nma_error: Real
 
 
 def window(phase: Array, dtype: type = np.float32, lit: NDArray[np.bool_] | None = None) -> Window:
@@ -141,7 +141,7 @@ class GroundFit:
         self._least = len(fit.rows) if moves.regular else max(int(LEAST_SEEN * len(fit.rows)), TERMS + 1)
         self._times = np.zeros((depth, len(fit.rows)), np.int16)
 
-    def add(self, frame: Real) -> Iterator[tuple[int, Array, Array, int]]:
+    def add(self, frame: Real) -> Iterator[tuple[int, Real, Real, int]]:
         """Take the next frame; give the ground rows it completed: (row, terms (6, X), error of the NMA (X,), seen)."""
         k = self._frame
         if k >= len(self._whole):
@@ -164,15 +164,16 @@ class GroundFit:
             self._times[place] = 0
             self._next += 1
 
-    def _solve(self, right: Array, times: NDArray[np.int16]) -> tuple[Array, Array]:
+    def _solve(self, right: Array, times: NDArray[np.int16]) -> tuple[Real, Real]:
         inverse: Array = self._full
         if not np.all(times == 1):  # few rows differ from the full window
             changed = self._normal + self.fit.model(times.astype(np.int64) - 1)
             inverse = np.asarray(np.linalg.pinv(changed, rcond=1e-12, hermitian=True))
         term = np.einsum("xab,bx->ax", inverse, right)
+        own = self._ring.dtype  # what is kept of a long sequence is no finer than the sums
         if self.detector is None:
-            return term, np.zeros(right.shape[1])
-        return term, self._spread(term, inverse)
+            return term.astype(own), np.zeros(right.shape[1], own)
+        return term.astype(own), self._spread(term, inverse).astype(own)
 
     def _spread(self, term: Array, inverse: Array) -> Array:
         """Standard error of M/B: the noise of the mean level on every row, through the normal matrix.
@@ -201,13 +202,13 @@ def retrieve_ground(
     """
     fit = window(phase, dtype, lit)
     run = GroundFit(fit, moves, first, detector, dtype)
-    done: list[tuple[int, Array, Array, int]] = []
+    done: list[tuple[int, Real, Real, int]] = []
     for frame in frames:
         done.extend(run.add(frame))
     return collected(done, fit, len(moves.rows))
 
 
-def collected(done: Sequence[tuple[int, Array, Array, int]], fit: Window, frames: int) -> Retrieved:
+def collected(done: Sequence[tuple[int, Real, Real, int]], fit: Window, frames: int) -> Retrieved:
     """Maps of the ground rows that ``GroundFit.add`` gave over a sequence of so many frames.
 
     Raises InputError when there is none.
@@ -216,7 +217,7 @@ def collected(done: Sequence[tuple[int, Array, Array, int]], fit: Window, frames
         raise InputError("retrieval", "frames", frames, f"no ground point passes all of {len(fit.rows)} rows",
                          f"take {len(fit.rows)} frames or more")  # fmt: skip
     term = np.array([item[1] for item in done])
-    baseline, modulation = term[:, 0], np.hypot(term[:, 2], term[:, 3])
+    baseline, modulation = term[:, 0].copy(), np.hypot(term[:, 2], term[:, 3])  # not a view, which keeps all terms
     lit = np.abs(baseline) > np.finfo(float).tiny
     return Retrieved(
         ground=np.array([item[0] for item in done]), baseline=baseline, modulation=modulation,
@@ -232,7 +233,7 @@ class NmaErrors:
     low, high : percentiles 2.5 and 97.5; size_95 : percentile 95 of |error|; unlit : points without a nominal NMA, left
     out (0 in the map)."""
 
-    error: Array
+    error: Real
     mean: float
     spread: float
     low: float
@@ -262,7 +263,7 @@ def nma_errors(nominal: Retrieved, with_ghosts: Retrieved, floor: float = 1e-3) 
                      float(np.percentile(np.abs(values), 95.0)), int((~lit).sum()))  # fmt: skip
 
 
-def albedo_contrast(baseline: Array, reach: int = 7) -> Array:
+def albedo_contrast(baseline: Real, reach: int = 7) -> Array:
     """(G, X) (own − mean around)/(own + mean around): negative on dark ground near bright. reach : size of the box."""
     from scipy.ndimage import uniform_filter
 
@@ -284,7 +285,7 @@ class Relation:
     correlation: float
 
 
-def bias_by_contrast(error: Array, contrast: Array, bins: int = 12) -> Relation:
+def bias_by_contrast(error: Real, contrast: Array, bins: int = 12) -> Relation:
     """The NMA error by local albedo contrast, in bins of as many points each. Bins of one value are joined."""
     flat, value = contrast.ravel(), error.ravel()
     edges = np.unique(np.quantile(flat, np.linspace(0.0, 1.0, bins + 1)))

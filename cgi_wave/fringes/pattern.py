@@ -52,7 +52,7 @@ class Layer:
     """
 
     name: str
-    pattern: Array
+    pattern: NDArray[np.floating]
     view: SceneView | None
     error: float
     contrast: float
@@ -95,14 +95,15 @@ class _Sums:
 
 
 def fringe_patterns(
-    zone: FringeField, sigma: Array, weights: Array, tolerance: float = 1e-7, pixel: bool = True, apart: bool = True
-) -> tuple[Layer, ...]:
+    zone: FringeField, sigma: Array, weights: Array, tolerance: float = 1e-7, pixel: bool = True, apart: bool = True,
+    dtype: type = np.float64,
+) -> tuple[Layer, ...]:  # fmt: skip
     """Patterns of all layers of a fringe field, the nominal one first.
 
     sigma (S,) 1/m ascending; weights (C, S): filter × spectral shape, the first ≥ 0: its integral makes the unit.
     tolerance: largest error of the reduction, as a share of the nominal baseline; pixel: average over pixels (to second
     order of what changes within one), or take their centres; apart: False puts all families into the first layer, which
-    is all that a uniform scene needs.
+    is all that a uniform scene needs; dtype: of the patterns, which take most of the memory until images are made.
 
     A pair whose fringes, less a multiple of the nominal ones, are not smooth on the finest of GRIDS is left out, with
     its amplitude as the bound. Raises InputError for weights that do not fit; MethodLimitError if the spectral step
@@ -123,7 +124,7 @@ def fringe_patterns(
         )  # fmt: skip
     layers = []
     for name, s in _layers(zone, found, reduced, zone.views if apart else ()).items():
-        pattern = _to_pixels(zone, s)
+        pattern: NDArray[np.floating] = _to_pixels(zone, s).astype(dtype, copy=False)
         numerical = s.numerical + 2.0 * lost * float(np.abs(pattern[0]).max())
         error = s.contrast + s.power + s.interpolation + s.left_out + numerical
         layers.append(Layer(name, pattern, s.view, error, s.contrast, s.power, s.interpolation, s.left_out, numerical))

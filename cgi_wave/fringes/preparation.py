@@ -91,7 +91,7 @@ def prepare(
         if turning <= share:
             middle = zone.shape[0] // 2, zone.shape[1] // 2
             image = _columns(seen, column[middle[0]], count)
-            sharp.append(Sharp(layer.name, pattern, image, row[:, middle[1]], count, margin[0], number == 0))
+            sharp.append(Sharp(layer.name, pattern, image, row[:, middle[1]].copy(), count, margin[0], number == 0))
             plans.append(LayerPlan(layer.name, "sharp", how.method, 1, error + turning))
         else:
             warped.append(Warped(layer.name, pattern, seen, column, row, count))
@@ -104,7 +104,8 @@ def prepare(
 
 def _blur_of(layer: Layer, maps: Real, allowed: float, scale: float, single: bool) -> blur.Blur:
     """How the layer's blur is done: its error, times pattern and scene, within ``allowed``."""
-    kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
+    seen = layer.view is not None and layer.view.kernel.size > 1
+    kernel = layer.view.kernel.astype(np.float64) if layer.view is not None and seen else None
     weight = float(np.abs(layer.pattern).max()) or 1.0
     return blur.choose(kernel, allowed / (weight * scale), maps.shape[1] * maps.shape[2], single)
 
@@ -136,7 +137,7 @@ def _blurred(
     first, last = _scrolls(maps.shape[1], zone)
     rows = (0, maps.shape[1]) if tile else (int(row.min() + first) - 4, int(row.max() + last) + 5)
     columns = int(column.min()) - 4, int(column.max()) + 5
-    return blur.part(maps, how, view.kernel, tile, rows, columns), (-rows[0], -columns[0])
+    return blur.part(maps, how, view.kernel.astype(np.float64), tile, rows, columns), (-rows[0], -columns[0])
 
 
 def _scrolls(height: int, zone: Zone) -> tuple[float, float]:
@@ -215,7 +216,7 @@ def _smooth(
     if not taken:
         return None, {}
     return _gather(
-        [every[number][pitch] for number in taken], zone, smooth.grid(zone.shape, pitch, dtype), dtype
+        [every[number][pitch] for number in taken], zone, smooth.grid(zone.shape, pitch, dtype), dtype, tile
     ), taken
 
 
@@ -304,30 +305,48 @@ def _alone(candidate: _Candidate, zone: Zone, where: smooth.Grid, tile: bool, he
     """Frames of nothing but one smooth layer."""
     nothing: Real = np.zeros((1, *zone.shape), dtype)
     dark = Sharp("nothing", nothing, np.zeros((1, height, zone.shape[1]), dtype), np.zeros(zone.shape[0]), 2, 0, False)
-    part = _gather([candidate], zone, where, dtype)
+    part = _gather([candidate], zone, where, dtype, tile)
     return Beams(zone, dtype, tile, height, (dark,), (), part, (), 0.0)
 
 
-def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: type) -> Smooth:
+def _gather(parts: Sequence[_Candidate], zone: Zone, where: smooth.Grid, dtype: type, tile: bool) -> Smooth:
     parts = sorted(parts, key=lambda part: -part.envelope.shape[1])
-    modes, nodes = len(parts[0].coarse), len(where.nodes[1])
+    modes, lines = len(parts[0].coarse), len(where.nodes[0])
     size = np.repeat([part.coarse.shape[1] for part in parts], modes)
-    coarse: Real = np.zeros((len(size), int(size.max()), nodes), dtype)
-    for number, image in enumerate(image for part in parts for image in part.coarse):
+    images = [image for part in parts for image in part.coarse]
+    if tile:
+        images = [np.concatenate([image[-1:], image, image[:2]]) for image in images]
+    coarse: Real = np.zeros((len(size), max(len(image) for image in images), len(where.nodes[1])), dtype)
+    for number, image in enumerate(images):
         coarse[number, : len(image)] = image
-    own = np.full(zone.shape[0], -1)
-    own[list(zone.dark)] = len(where.nodes[0]) + np.arange(len(zone.dark))
-    fringed, plain = (
-        np.ascontiguousarray(np.moveaxis(np.concatenate(some), 2, 0)).reshape(len(parts[0].row), -1, kinds * nodes)
-        if some
-        else np.zeros((len(parts[0].row), 0, kinds * nodes), dtype)
-        for kinds, some in ((n, [part.envelope for part in parts if part.envelope.shape[1] == n]) for n in (5, 1))
-    )
+    which = np.full(zone.shape[0], -1)
+    which[list(zone.dark)] = np.arange(len(zone.dark))
+    envelopes = [one for part in parts for one in part.envelope]
+
+    def of(kinds: int) -> Real:
+        some = [one[:, :lines] for one in envelopes if len(one) == kinds]
+        return np.array(some, dtype).reshape(-1, kinds, *where.shape)
+
+    own: Real = np.array([one[0, lines:] for one in envelopes], dtype)
     phase = np.zeros(zone.shape) if zone.phase is None else zone.phase
     return Smooth(
-        where, smooth.turns(phase, where, dtype), own, fringed, plain, coarse,
-        np.repeat([part.row for part in parts], modes, axis=0), np.repeat([part.step for part in parts], modes), size,
+        where, _filled(smooth.turns(phase, where, dtype)), which,
+        _grouped(of(5), (2, 3, 0, 1)), _grouped(of(1)[:, 0], (1, 2, 0)), _grouped(own, (1, 2, 0)),
+        _grouped(coarse, (2, 0, 1)), np.repeat([part.row for part in parts], modes, axis=0),
+        np.repeat([part.step for part in parts], modes), size,
     )  # fmt: skip
+
+
+def _filled(nodes: Real) -> Real:
+    """(…, K) with zeros behind, so that K is a multiple of LANES."""
+    return np.pad(nodes, [(0, 0)] * (nodes.ndim - 1) + [(0, -nodes.shape[-1] % kernels.LANES)])
+
+
+def _grouped(nodes: Real, order: tuple[int, ...]) -> Real:
+    """(…, K) in groups of LANES nodes, (…, G, LANES), and the axes before the last in this order."""
+    nodes = _filled(nodes)
+    split = nodes.reshape(*nodes.shape[:-1], nodes.shape[-1] // kernels.LANES, kernels.LANES)
+    return np.ascontiguousarray(split.transpose(*order, split.ndim - 1))
 
 
 def _check(layers: Sequence[Layer], maps: Real, zone: Zone) -> None:
@@ -344,8 +363,8 @@ def _check(layers: Sequence[Layer], maps: Real, zone: Zone) -> None:
                    "synthesise it for this zone and these spectral modes")  # fmt: skip
         if not np.all(np.isfinite(layer.pattern)):
             refuse(f"layer {layer.name}.pattern", "NaN or infinity", "must be finite", "synthesise it again")
-        if layer.view is not None and abs(float(layer.view.kernel.sum()) - 1.0) > 1e-6:
-            refuse(f"layer {layer.name}.kernel", float(layer.view.kernel.sum()), "must add up to 1",
+        if layer.view is not None and abs(float(layer.view.kernel.sum(dtype=np.float64)) - 1.0) > 1e-6:
+            refuse(f"layer {layer.name}.kernel", float(layer.view.kernel.sum(dtype=np.float64)), "must add up to 1",
                    "divide it by its sum; power belongs to the pattern")  # fmt: skip
     left = int(np.ceil(max(-zone.column, 0.0) - WHOLE))
     right = int(np.ceil(max(zone.column + zone.shape[1] - maps.shape[2], 0.0) - WHOLE))

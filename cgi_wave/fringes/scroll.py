@@ -75,13 +75,15 @@ def motion(
 def stream(beams: Beams, moves: Motion, threads: int = THREADS) -> Iterator[Real]:
     """Frames (R, X) of a scroll, one at a time, in one array that the next frame overwrites: copy what is to stay.
 
-    The result does not depend on ``threads``. Raises InputError, before the first frame, for a scene too short.
+    threads : 1, or more for a second one beside the caller; the result is the same.
+
+    Raises InputError, before the first frame, for a scene too short.
     """
     for shift in (float(moves.rows.min()), float(moves.rows.max())):
         beams.ready(shift)
     give_back()
     out: Real = np.empty(beams.zone.shape, beams.dtype)
-    with ThreadPoolExecutor(max(threads, 1)) as pool:
+    with ThreadPoolExecutor(1) as pool:
         for shift in moves.rows:
             yield beams.frame(float(shift), out, pool if threads > 1 else None)
 

@@ -44,6 +44,11 @@ class Grid:
         return -(-self.rows // self.pitch), -(-self.columns // self.pitch)
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of rows and columns of nodes."""
+        return self.cells[0] + 3, self.cells[1] + 3
+
+    @property
     def nodes(self) -> tuple[Array, Array]:
         """Pixels of the nodes along and across track, cells + 3 each."""
         along, across = (self.pitch * np.arange(-1.0, count + 2) for count in self.cells)

@@ -1,6 +1,6 @@
 """Compiled loops of the frames: patterns times scene images, smooth ghost layers, and what is summed along the scroll.
 
-A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, index[j], x] + Σ_h harmonic_h[j, x] · field_h(j, x). The first
+A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, place[c, j], x] + Σ_h harmonic_h[j, x] · field_h(j, x). The first
 sum holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a row. The
 second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every ``pitch``
 pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation:
@@ -8,106 +8,78 @@ along y on the nodes, once per row of pixels, where harmonics meet their envelop
 change as slowly across track as these; then along x inside the loop over pixels, where all pixels of a cell share four
 nodes. So a frame moves hardly more memory than pattern, image and result take.
 
-All arrays of one call share one floating type, so that nothing is converted on the way. Loops over pixels are functions
-of their own on contiguous rows: that is what lets the compiler vectorise them. No sum is reordered, and every row is
-computed in one piece, so that results do not depend on how rows are given out to threads.
+All arrays of one call share one floating type, so that nothing is converted on the way. Nodes stand in groups of LANES,
+with all that is multiplied for a group one behind the other in memory.
+
+Two threads share a frame: one takes pieces of it from the top, the other from the bottom, until none is left. No sum
+depends on who computes it: the result is the same to the last bit.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from numba import carray, njit
+
+from cgi_wave.kernels.lanes import LANES, count_up, counted, load, nothing, pointer, spread, store
 
 #: A product may be fused with the sum it goes into; nothing else of IEEE arithmetic is given up.
 _JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
-LANES = 8  # pixels that are computed together: every pitch of the grid is a multiple
+WHOLE = 1e-9  # of a row: a place this close to a row of the scene is on it
+PIECE = 16  # rows that a thread takes at a time, at most
+PATIENCE = 20_000  # looks at whether the other thread is done with its last piece, before the caller asks less often
 
 
 @njit(**_JIT)
-def _one(out, pattern, a, add):
-    if add:
-        for x in range(out.shape[0]):
-            out[x] += pattern[x] * a[x]
-    else:
-        for x in range(out.shape[0]):
-            out[x] = pattern[x] * a[x]
+def _take(counter, turn, pieces, from_top):
+    """Number of this thread's next piece, its ``turn``-th; −1 if all are given out."""
+    if count_up(counter, 0) >= pieces:
+        return -1
+    return turn if from_top else pieces - 1 - turn
 
 
 @njit(**_JIT)
-def _two(out, pattern, a, b, wa, wb, add):
-    if add:
-        for x in range(out.shape[0]):
-            out[x] += pattern[x] * (wa * a[x] + wb * b[x])
-    else:
-        for x in range(out.shape[0]):
-            out[x] = pattern[x] * (wa * a[x] + wb * b[x])
+def _wait(counter, pieces):
+    """Until all pieces are done, for a while: the other thread may have been put to sleep."""
+    for _ in range(PATIENCE):
+        if counted(counter, 1) >= pieces:
+            return
 
 
 @njit(**_JIT)
-def _four(out, pattern, a, b, c, d, w, add):
-    wa, wb, wc, wd = w[0], w[1], w[2], w[3]
-    if add:
-        for x in range(out.shape[0]):
-            out[x] += pattern[x] * (wa * a[x] + wb * b[x] + wc * c[x] + wd * d[x])
-    else:
-        for x in range(out.shape[0]):
-            out[x] = pattern[x] * (wa * a[x] + wb * b[x] + wc * c[x] + wd * d[x])
-
-
-@njit(**_JIT)
-def _sharp_row(out, pattern, image, index, weight, j, add):
-    """Row j: Σ_c pattern[c, j] · Σ_t weight[j, t] image[c, index[j, t]]."""
-    for c in range(pattern.shape[0]):
-        more = add or c > 0
-        if index.shape[1] == 1:
-            _one(out, pattern[c, j], image[c, index[j, 0]], more)
-        elif index.shape[1] == 2:
-            _two(out, pattern[c, j], image[c, index[j, 0]], image[c, index[j, 1]], weight[j, 0], weight[j, 1], more)
-        else:
-            _four(out, pattern[c, j], image[c, index[j, 0]], image[c, index[j, 1]], image[c, index[j, 2]],
-                  image[c, index[j, 3]], weight[j], more)  # fmt: skip
-
-
-@njit(**_JIT)
-def sharp_rows(out, pattern, image, index, weight, first, last, add):
-    """Rows first…last − 1 of out (R, X), set or added to: a layer that is read row by row.
-
-    pattern (C, R, X); image (C, H, X); index, weight (R, T), T = 1, 2 or 4: rows of the image and their weights.
-    """
-    for j in range(first, last):
-        _sharp_row(out[j], pattern, image, index, weight, j, add)
-
-
-@njit(**_JIT)
-def warped_rows(out, pattern, image, x, y, shift, wrap, order, first, last):
-    """Rows first…last − 1 of out, added to: a layer whose image turns, so that every pixel is looked up by itself.
+def warped_rows(out, pattern, image, x, y, shift, wrap, order, counter, from_top):
+    """Pieces of PIECE rows of out, added to: a layer whose image turns, so that every pixel is looked up by itself.
 
     image (C, H, W); x, y (R, X): columns and rows of the image at shift 0, in samples; ``order`` 2 or 4 taps each way.
-    Beyond the image its edge goes on; along rows it repeats if ``wrap``.
+    Beyond the image its edge goes on; along rows it repeats if ``wrap``. counter, from_top: see ``frame_rows``.
     """
-    height, width = image.shape[1], image.shape[2]
+    height, width, rows = image.shape[1], image.shape[2], out.shape[0]
     wx, wy = np.empty(4), np.empty(4)
-    for j in range(first, last):
-        for i in range(out.shape[1]):
-            u, v = x[j, i], y[j, i] + shift
-            column, row = int(np.floor(u)), int(np.floor(v))
-            cubic(u - column, wx, order)
-            cubic(v - row, wy, order)
-            column -= order // 2 - 1
-            row -= order // 2 - 1
-            for c in range(image.shape[0]):
-                total = 0.0
-                for b in range(order):
-                    r = row + b
-                    r = r % height if wrap else min(max(r, 0), height - 1)
-                    along = 0.0
-                    for a in range(order):
-                        along += wx[a] * image[c, r, min(max(column + a, 0), width - 1)]
-                    total += wy[b] * along
-                out[j, i] += pattern[c, j, i] * total
+    pieces, turn = -(-rows // PIECE), 0
+    while True:
+        piece = _take(counter, turn, pieces, from_top)
+        if piece < 0:
+            break
+        turn += 1
+        for j in range(piece * PIECE, min((piece + 1) * PIECE, rows)):
+            for i in range(out.shape[1]):
+                u, v = x[j, i], y[j, i] + shift
+                column, row = int(np.floor(u)), int(np.floor(v))
+                cubic(u - column, wx, order)
+                cubic(v - row, wy, order)
+                column -= order // 2 - 1
+                row -= order // 2 - 1
+                for c in range(image.shape[0]):
+                    total = 0.0
+                    for b in range(order):
+                        r = row + b
+                        r = r % height if wrap else min(max(r, 0), height - 1)
+                        along = 0.0
+                        for a in range(order):
+                            along += wx[a] * image[c, r, min(max(column + a, 0), width - 1)]
+                        total += wy[b] * along
+                    out[j, i] += pattern[c, j, i] * total
+        count_up(counter, 1)
+    _wait(counter, pieces)
 
 
 @njit(**_JIT)
@@ -148,12 +120,6 @@ def cubic(t, weight, order):
 
 
 @njit(**_JIT)
-def _weighted(total, a, b, c, d, wa, wb, wc, wd):
-    for n in range(total.shape[0]):
-        total[n] = wa * a[n] + wb * b[n] + wc * c[n] + wd * d[n]
-
-
-@njit(**_JIT)
 def _start(place, size, wrap):
     """First of the four samples of a line that make up a place on it, and how far beyond the second it lies.
 
@@ -168,179 +134,295 @@ def _start(place, size, wrap):
 
 
 @njit(**_JIT)
-def _lines(line, coarse, row, shift, size, wrap, i, w):
-    """Images of all layers on row i of nodes, once per kind: line (E, M, K)."""
-    for e in range(line.shape[0]):
-        first, t = _start(row[e, i] + shift[e], size[e], wrap)
-        cubic(t, w, 4)
-        a, b, c, d = first, first + 1, first + 2, first + 3
-        if wrap:
-            a, b, c, d = a % size[e], b % size[e], c % size[e], d % size[e]
-        wa, wb, wc, wd = w[0], w[1], w[2], w[3]
-        for k in range(line.shape[2]):
-            line[e, 0, k] = wa * coarse[e, a, k] + wb * coarse[e, b, k] + wc * coarse[e, c, k] + wd * coarse[e, d, k]
-        for h in range(1, line.shape[1]):
-            for k in range(line.shape[2]):
-                line[e, h, k] = line[e, 0, k]
+def _row(number, size, wrap):
+    """A row of an image that goes on beyond its ends, or repeats."""
+    if 0 <= number < size:
+        return number
+    return number % size if wrap else min(max(number, 0), size - 1)
 
 
 @njit(**_JIT)
-def _add_products(total, a, b):
-    """total[n] += Σ_e a[e, n] b[e, n]."""
-    for e in range(a.shape[0]):
-        for n in range(a.shape[1]):
-            total[n] += a[e, n] * b[e, n]
+def _taps(place, size, count, wrap, index, weight):
+    """Rows of an image that make up a place on it, and their weights (as ``smooth.taps``): how many, 1 on a row."""
+    nearest = np.rint(place)
+    if abs(place - nearest) < WHOLE:
+        index[0] = _row(int(nearest), size, wrap)
+        return 1
+    if not wrap:
+        place = min(max(place, 0.0), size - 1.0)
+    start = np.floor(place)
+    if count == 4 and not wrap and size >= 4:
+        start = min(max(start, 1.0), size - 3.0)
+    cubic(place - start, weight, count)
+    for n in range(count):
+        index[n] = _row(int(start) + n - (count // 2 - 1), size, wrap)
+    return count
 
 
 @njit(**_JIT)
-def _folded(plain, c1, s1, c2, s2, cosine, sine):
-    """All kinds of a row of nodes added up, into the first: A + C1 cos θ + S1 sin θ + C2 cos 2θ + S2 sin 2θ."""
-    for k in range(plain.shape[0]):
-        c, s = cosine[k], sine[k]
-        plain[k] += c * c1[k] + s * s1[k] + (c * c - s * s) * c2[k] + (c * s + c * s) * s2[k]
+def _line(address, like):
+    """The contiguous row, as long as ``like``, whose data begin at an address. Unlike ``like`` it is not counted:
+    counting who holds an array takes longer than all else that is done once per row."""
+    return carray(pointer(address), (like.shape[0],), like.dtype)
 
 
 @njit(**_JIT)
-def _mixed(out, ring, first, w, cosine, sine):
-    """Nodes of one pixel row, in out[:K] of (M·K), from four rows of nodes: ring (4, M·K), place by number mod 4."""
-    a, b, c, d = ring[first % 4], ring[(first + 1) % 4], ring[(first + 2) % 4], ring[(first + 3) % 4]
-    _weighted(out, a, b, c, d, w[0], w[1], w[2], w[3])
-    nodes = cosine.shape[0]
-    if out.shape[0] > nodes:
-        _folded(out[:nodes], out[nodes : 2 * nodes], out[2 * nodes : 3 * nodes], out[3 * nodes : 4 * nodes],
-                out[4 * nodes :], cosine, sine)  # fmt: skip
+def _blend(spare, address, stride, count, index, weight):
+    """Two or four rows of an image, weighted, in ``spare``. Left to itself the compiler fears that they overlap."""
+    columns = spare.shape[0]
+    whole = columns - columns % LANES
+    a, b = _line(address + stride * index[0], spare), _line(address + stride * index[1], spare)
+    wa, wb = spread(weight, 0), spread(weight, 1)
+    if count == 2:
+        for x in range(0, whole, LANES):
+            store(spare, x, wb * load(b, x) + wa * load(a, x))
+        for x in range(whole, columns):
+            spare[x] = weight[0] * a[x] + weight[1] * b[x]
+        return
+    c, d = _line(address + stride * index[2], spare), _line(address + stride * index[3], spare)
+    wc, wd = spread(weight, 2), spread(weight, 3)
+    for x in range(0, whole, LANES):
+        total = wb * load(b, x) + wa * load(a, x)
+        total = wc * load(c, x) + total
+        store(spare, x, wd * load(d, x) + total)
+    for x in range(whole, columns):
+        spare[x] = weight[0] * a[x] + weight[1] * b[x] + weight[2] * c[x] + weight[3] * d[x]
 
 
-def _lanes(fresh, name):
-    """``LANES`` neighbouring pixels at once, from the nodes k … k + 3, written in the compiler's own vectors.
+@njit(**_JIT)
+def _product(out, pattern, image, add):
+    """Pattern times image, set or added."""
+    columns = out.shape[0]
+    whole = columns - columns % LANES
+    if add:
+        for x in range(0, whole, LANES):
+            store(out, x, load(pattern, x) * load(image, x) + load(out, x))
+        for x in range(whole, columns):
+            out[x] += pattern[x] * image[x]
+    else:
+        for x in range(0, whole, LANES):
+            store(out, x, load(pattern, x) * load(image, x))
+        for x in range(whole, columns):
+            out[x] = pattern[x] * image[x]
 
-    The loop over the pixels of a cell is too short for the compiler to vectorise by itself. Sets out[x:] to
-    pattern·image + Σ_d w[d, p:] node[k + d], or adds the sum.
+
+@njit(**_JIT)
+def _pixels(out, pattern, image, table, node):
+    """A row of pixels: pattern·image and, from its nodes, all smooth layers. table (4, pitch).
+
+    The same pixels of all cells come one after the other: their weights stay in registers, and of four nodes three.
     """
-
-    def typed(context, out, pattern, image, w, node, x, p, k):
-        def code(target, builder, signature, args):
-            real = target.get_data_type(out.dtype)
-            lanes, size = ir.VectorType(real, LANES), target.get_abi_sizeof(real)
-            nothing, zeros = ir.Constant(lanes, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), LANES), None)
-            data = [target.make_array(kind)(target, builder, value).data
-                    for kind, value in zip(signature.args[:5], args[:5], strict=True)]  # fmt: skip
-            _, pitch = cgutils.unpack_tuple(builder, target.make_array(w)(target, builder, args[3]).shape, 2)
-
-            def place(n, at):
-                return builder.bitcast(builder.gep(data[n], [at]), lanes.as_pointer())
-
-            def load(n, at):
-                return builder.load(place(n, at), align=size)
-
-            def ahead(at, steps, d):
-                return builder.add(at, builder.mul(steps, ir.Constant(steps.type, d)))
-
-            def all_of(number):
-                one = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
-                return builder.shuffle_vector(one, nothing, zeros)
-
-            def fused(a, b, c):
-                return builder.fadd(builder.fmul(a, b, flags=("contract",)), c, flags=("contract",))
-
-            if fresh:
-                total = builder.fmul(load(1, args[5]), load(2, args[5]), flags=("contract",))
-            else:
-                total = load(0, args[5])
-            for d in range(4):
-                number = builder.load(builder.gep(data[4], [builder.add(args[7], ir.Constant(args[7].type, d))]))
-                total = fused(load(3, ahead(args[6], pitch, d)), all_of(number), total)
-            builder.store(total, place(0, args[5]), align=size)
-            return target.get_dummy_value()
-
-        return types.void(out, pattern, image, w, node, x, p, k), code
-
-    typed.__name__ = typed.__qualname__ = name
-    return intrinsic(typed)
-
-
-_set_lanes, _add_lanes = _lanes(True, "_set_lanes"), _lanes(False, "_add_lanes")
-
-
-@njit(**_JIT)
-def _between(node, k, w, p):
-    return w[0, p] * node[k] + w[1, p] * node[k + 1] + w[2, p] * node[k + 2] + w[3, p] * node[k + 3]
-
-
-@njit(**_JIT)
-def _set_row(out, pattern, image, w, node):
-    """A row of pixels: pattern·image and, from its nodes (K,), all smooth layers."""
-    pitch, whole = w.shape[1], out.shape[0] // w.shape[1]
-    for k in range(whole):
-        for p in range(0, pitch, LANES):
-            _set_lanes(out, pattern, image, w, node, k * pitch + p, p, k)
+    pitch, columns = table.shape[1], out.shape[0]
+    whole, p = columns // pitch, 0
+    while p + 2 * LANES <= pitch:
+        q = p + LANES
+        wa, wb, wc, wd = load(table, p), load(table, pitch + p), load(table, 2 * pitch + p), load(table, 3 * pitch + p)
+        va, vb, vc, vd = load(table, q), load(table, pitch + q), load(table, 2 * pitch + q), load(table, 3 * pitch + q)
+        a, b, c = spread(node, 0), spread(node, 1), spread(node, 2)
+        x = p
+        for k in range(whole):
+            d = spread(node, k + 3)
+            total = wa * a + load(pattern, x) * load(image, x)
+            more = va * a + load(pattern, x + LANES) * load(image, x + LANES)
+            total = wb * b + total
+            more = vb * b + more
+            total = wc * c + total
+            more = vc * c + more
+            store(out, x, wd * d + total)
+            store(out, x + LANES, vd * d + more)
+            a, b, c = b, c, d
+            x += pitch
+        p += 2 * LANES
+    if p < pitch:
+        wa, wb, wc, wd = load(table, p), load(table, pitch + p), load(table, 2 * pitch + p), load(table, 3 * pitch + p)
+        a, b, c = spread(node, 0), spread(node, 1), spread(node, 2)
+        x = p
+        for k in range(whole):
+            d = spread(node, k + 3)
+            total = wa * a + load(pattern, x) * load(image, x)
+            total = wb * b + total
+            total = wc * c + total
+            store(out, x, wd * d + total)
+            a, b, c = b, c, d
+            x += pitch
     for x in range(whole * pitch, out.shape[0]):
-        out[x] = pattern[x] * image[x] + _between(node, whole, w, x - whole * pitch)
+        p = x - whole * pitch
+        total = pattern[x] * image[x]
+        for d in range(4):
+            total += table[d, p] * node[whole + d]
+        out[x] = total
 
 
 @njit(**_JIT)
-def _add_row(out, w, node):
-    """The same of the smooth layers alone, added."""
-    pitch, whole = w.shape[1], out.shape[0] // w.shape[1]
-    for k in range(whole):
-        for p in range(0, pitch, LANES):
-            _add_lanes(out, out, out, w, node, k * pitch + p, p, k)
-    for x in range(whole * pitch, out.shape[0]):
-        out[x] += _between(node, whole, w, x - whole * pitch)
+def _places(i, row, shift, size, wrap, first, weight):
+    """First of the four coarse rows, and weights, of every smooth layer on row i of nodes."""
+    for e in range(first.shape[0]):
+        place = row[e, i] + shift[e]
+        if wrap:
+            place -= np.floor(place / size[e]) * size[e]
+            if place >= size[e]:  # rounded up to it
+                place = 0.0
+            start = np.floor(place)
+            first[e] = int(start)  # the rows begin one before the first
+            cubic(place - start, weight[e], 4)
+        else:
+            first[e], t = _start(place, size[e], False)
+            cubic(t, weight[e], 4)
 
 
 @njit(**_JIT)
-def _node_row(total, i, fringed, plain, coarse, row, shift, size, wrap, many, one, w):
-    """Row i of nodes (M·K): all smooth layers, those with fringes first; many (E, M, K), one (F, 1, K): work space."""
-    total[:] = 0.0
-    e = many.shape[0]
-    if e > 0:
-        _lines(many, coarse[:e], row[:e], shift[:e], size[:e], wrap, i, w)
-        _add_products(total, fringed[i], many.reshape(e, many.shape[1] * many.shape[2]))
-    if one.shape[0] > 0:
-        _lines(one, coarse[e:], row[e:], shift[e:], size[e:], wrap, i, w)
-        _add_products(total, plain[i], one.reshape(one.shape[0], one.shape[2]))
+def _image(coarse, at, weight, e):
+    """Four coarse rows of a layer, one behind the other, weighted."""
+    total = spread(weight, 4 * e) * load(coarse, at)
+    total = spread(weight, 4 * e + 1) * load(coarse, at + LANES) + total
+    total = spread(weight, 4 * e + 2) * load(coarse, at + 2 * LANES) + total
+    return spread(weight, 4 * e + 3) * load(coarse, at + 3 * LANES) + total
+
+
+@njit(**_JIT)
+def _node_row(total, i, fringed, plain, coarse, first, weight):
+    """Row i of nodes (G·M·LANES): all smooth layers, those with fringes first."""
+    groups, layers, height = coarse.shape[0], coarse.shape[1], coarse.shape[2]
+    many, few = fringed.shape[2], plain.shape[2]
+    for g in range(groups):
+        base = g * layers * height
+        t = nothing(total)
+        at = (i * groups + g) * few * LANES
+        if many > 0:
+            c1, s1, c2, s2 = nothing(total), nothing(total), nothing(total), nothing(total)
+            f = (i * groups + g) * many * 5 * LANES
+            for e in range(many):
+                image = _image(coarse, (base + e * height + first[e]) * LANES, weight, e)
+                t = image * load(fringed, f) + t
+                c1 = image * load(fringed, f + LANES) + c1
+                s1 = image * load(fringed, f + 2 * LANES) + s1
+                c2 = image * load(fringed, f + 3 * LANES) + c2
+                s2 = image * load(fringed, f + 4 * LANES) + s2
+                f += 5 * LANES
+            f = g * 5 * LANES
+            store(total, f + LANES, c1)
+            store(total, f + 2 * LANES, s1)
+            store(total, f + 3 * LANES, c2)
+            store(total, f + 4 * LANES, s2)
+        for e in range(many, layers):
+            t = _image(coarse, (base + e * height + first[e]) * LANES, weight, e) * load(plain, at) + t
+            at += LANES
+        store(total, g * (5 if many > 0 else 1) * LANES, t)
+
+
+@njit(**_JIT)
+def _own_row(node, i, own, coarse, first, weight):
+    """Nodes (G·LANES) of a row of pixels that has its own: ``own`` (D, G, E + F, LANES), without fringes."""
+    groups, layers, height = coarse.shape[0], coarse.shape[1], coarse.shape[2]
+    at = i * groups * layers * LANES
+    for g in range(groups):
+        t = nothing(node)
+        for e in range(layers):
+            place = ((g * layers + e) * height + first[e]) * LANES
+            t = _image(coarse, place, weight, e) * load(own, at) + t
+            at += LANES
+        store(node, g * LANES, t)
+
+
+@njit(**_JIT)
+def _between(ring, first, at, wa, wb, wc, wd):
+    """Lanes number ``at`` of four rows of nodes, weighted: ring (4, …), place by number mod 4."""
+    size = ring.shape[1]
+    total = wa * load(ring, (first % 4) * size + at)
+    total = wb * load(ring, ((first + 1) % 4) * size + at) + total
+    total = wc * load(ring, ((first + 2) % 4) * size + at) + total
+    return wd * load(ring, ((first + 3) % 4) * size + at) + total
+
+
+@njit(**_JIT)
+def _mixed(node, ring, first, along, row, turn, j):
+    """Nodes of pixel row j: A + C1 cos θ + S1 sin θ + C2 cos 2θ + S2 sin 2θ, each from four rows of nodes.
+
+    along (pitch, 4): their weights, its row ``row``; turn (2, R, K).
+    """
+    size = node.shape[0]
+    at = 4 * row
+    wa, wb, wc, wd = spread(along, at), spread(along, at + 1), spread(along, at + 2), spread(along, at + 3)
+    cosine, sine = j * size, (turn.shape[1] + j) * size
+    if ring.shape[1] == size:
+        for k in range(0, size, LANES):
+            store(node, k, _between(ring, first, k, wa, wb, wc, wd))
+        return
+    for k in range(0, size, LANES):
+        c, s = load(turn, cosine + k), load(turn, sine + k)
+        total = _between(ring, first, 5 * k, wa, wb, wc, wd)
+        total = c * _between(ring, first, 5 * k + LANES, wa, wb, wc, wd) + total
+        total = s * _between(ring, first, 5 * k + 2 * LANES, wa, wb, wc, wd) + total
+        total = (c * c - s * s) * _between(ring, first, 5 * k + 3 * LANES, wa, wb, wc, wd) + total
+        total = (c * s + c * s) * _between(ring, first, 5 * k + 4 * LANES, wa, wb, wc, wd) + total
+        store(node, k, total)
 
 
 @njit(**_JIT)
 def frame_rows(
-    out, pattern, image, index, weight, turn, own, fringed, plain, coarse, row, shift, size, wrap, table, first, last,
+    out, terms, place, shift, wrap, turn, which, fringed, plain, own, coarse, row, step, size, table, counter, from_top,
 ):  # fmt: skip
-    """Rows first…last − 1 of a frame, set: one sharp layer and all smooth layers. ``first`` starts a cell.
+    """Pieces of a frame, set: sharp layers and all smooth layers. Returns the number of pieces.
 
-    The last axis of every array has to be contiguous.
-
-    out (R, X); pattern, image, index, weight: see ``sharp_rows``
+    out (R, X), contiguous
+    terms (S, 5): of each sharp layer and spectral mode where the data of its pattern (R, X), contiguous, and of its
+    image (H, X) begin, bytes from row to row of the image, H, and taps (2 or 4)
+    place (S, R): rows of the image at scroll 0; shift: rows by which the ground has moved; wrap: images repeat
+    K nodes make G = K / LANES groups; K is filled up with zeros. No nodes: no smooth layers
     turn (2, R, K): cos and sin of the nominal phase of each row of pixels, at the nodes
-    fringed (N, E, 5 K), plain (N, F, K): envelopes of layers with and without fringes, of 1, and for the former of
-    cos θ, sin θ, cos 2θ, sin 2θ, on N rows by K columns of nodes, the first one pitch before the zone
-    own (R,): number of the row of nodes that serves this row of pixels alone, or −1
-    coarse (E + F, V, K): the layers' images on coarse rows along track and on the nodes across it
-    row (E + F, N): place of each row of nodes among the coarse rows at scroll 0; shift (E + F,): by how many of them
-    the ground has moved; size (E + F,): their number, four at least; wrap: they repeat
+    fringed (N, G, E, 5, LANES), plain (N, G, F, LANES): envelopes of layers with and without fringes, of 1, and for the
+    former of cos θ, sin θ, cos 2θ, sin 2θ, on N rows of nodes, the first one pitch before the zone
+    which (R,): number of the row of ``own`` (D, G, E + F, LANES) that serves this row of pixels alone, or −1
+    coarse (G, E + F, V, LANES): the layers' images on coarse rows along track and on the nodes across it; if they wrap
+    one row of the end stands before each and two rows of the beginning behind
+    row (E + F, N + D): place of each row of nodes among the coarse rows at scroll 0; step (E + F,): rows of the scene
+    per coarse row; size (E + F,): their number, four at least
     table (4, pitch): Lagrange weights of the pixels between the second and third of four nodes
+    counter (2,): pieces given out and done, 0 at first, shared by the threads; from_top: which end this one begins at
     """
-    pitch, nodes = table.shape[1], coarse.shape[2]
-    kinds = 5 if fringed.shape[1] > 0 else 1
-    ring, mixed = np.empty((4, kinds * nodes), out.dtype), np.empty(kinds * nodes, out.dtype)
-    many, one = np.empty((fringed.shape[1], kinds, nodes), out.dtype), np.empty((plain.shape[1], 1, nodes), out.dtype)
-    along, w = table.T.copy(), np.empty(4, out.dtype)
-    fresh = pattern.shape[0] == 1 and index.shape[1] == 1
-    done = first // pitch
-    for j in range(first, last):
-        cell = j // pitch
-        for i in range(done, cell + 4):
-            _node_row(ring[i % 4], i, fringed, plain, coarse, row, shift, size, wrap, many, one, w)
-        done = cell + 4
-        if own[j] < 0:
-            _mixed(mixed, ring, cell, along[j - cell * pitch], turn[0, j], turn[1, j])
-        else:  # all of it is in the first kind
-            _node_row(mixed, own[j], fringed, plain, coarse, row, shift, size, wrap, many, one, w)
-        if fresh:
-            _set_row(out[j], pattern[0, j], image[0, index[j, 0]], table, mixed)
-        else:
-            _sharp_row(out[j], pattern, image, index, weight, j, False)
-            _add_row(out[j], table, mixed)
+    rows, pitch = out.shape[0], table.shape[1]
+    groups, layers, lines = coarse.shape[0], coarse.shape[1], fringed.shape[0]
+    nodes = groups * LANES
+    ring = np.empty((4, (5 if fringed.shape[2] > 0 else 1) * nodes), out.dtype)
+    node, spare, along, w = np.empty(nodes, out.dtype), np.empty_like(out[0]), table.T.copy(), np.empty(4, out.dtype)
+    first, weight, index = np.empty(layers, np.int64), np.empty((layers, 4), out.dtype), np.empty(4, np.int64)
+    begin, blended, line = out.ctypes.data, spare.ctypes.data, spare.shape[0] * spare.itemsize
+    moved = shift / step
+    unit = min(pitch, PIECE)
+    pieces, turns = -(-rows // unit), 0
+    held = -8  # rows held … held + 3 of nodes are in the ring
+    while True:
+        piece = _take(counter, turns, pieces, from_top)
+        if piece < 0:
+            break
+        turns += 1
+        cell = piece * unit // pitch
+        for i in range(cell, cell + 4 if nodes else cell):
+            if not held <= i < held + 4:
+                _places(i, row, moved, size, wrap, first, weight)
+                _node_row(ring[i % 4], i, fringed, plain, coarse, first, weight)
+        held = cell
+        # Layer by layer: rows of many images begin at like addresses, and would drive each other out of the cache.
+        for s in range(terms.shape[0]):
+            for j in range(piece * unit, min((piece + 1) * unit, rows)):
+                count = _taps(place[s, j] + shift, terms[s, 3], terms[s, 4], wrap, index, w)
+                at = terms[s, 1] + terms[s, 2] * index[0]  # where the scene's row begins
+                if count > 1:
+                    _blend(spare, terms[s, 1], terms[s, 2], count, index, w)
+                    at = blended
+                pattern, image = _line(terms[s, 0] + j * line, spare), _line(at, spare)
+                if s > 0 or nodes == 0:
+                    _product(_line(begin + j * line, spare), pattern, image, s > 0)
+                    continue
+                if which[j] >= 0:
+                    _places(lines + which[j], row, moved, size, wrap, first, weight)
+                    _own_row(node, which[j], own, coarse, first, weight)
+                else:
+                    _mixed(node, ring, cell, along, j - cell * pitch, turn, j)
+                _pixels(_line(begin + j * line, spare), pattern, image, table, node)
+        count_up(counter, 1)
+    _wait(counter, pieces)
+    return pieces
 
 
 @njit(**_JIT)

@@ -8,6 +8,7 @@ import pytest
 from scroll_cases import PITCH, SHARP, fringes, gaussian, layer, scene, slow_image, zone
 
 from cgi_wave.errors import InputError
+from cgi_wave.fringes.beams_on_scene import Sharp
 from cgi_wave.fringes.preparation import prepare
 
 FLIP = [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
@@ -169,3 +170,15 @@ def test_refusals(change, words):
     z = zone(12, 10, 4.0, 3.0)
     with pytest.raises(InputError, match=re.escape(words)):
         prepare(*change(z), z)
+
+
+def test_a_layer_whose_pattern_and_image_do_not_fit_is_refused():
+    """The compiled loops look at nothing: others would make them read beyond the arrays."""
+    pattern, image, row = np.ones((2, 12, 10)), np.ones((2, 30, 10)), np.arange(12.0)
+    Sharp("good", pattern, image, row, 2, 0, True)
+    for a, b, c in (
+        (pattern, image[:1], row), (pattern, image[:, :, :9], row), (pattern, image, row[:11]),
+        (pattern, image.astype(np.float32), row), (pattern[:, :, ::2], image[:, :, ::2], row),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match="do not fit each other"):
+            Sharp("bad", a, b, c, 2, 0, True)

@@ -50,6 +50,19 @@ def test_a_field_without_ghosts_comes_back(tmp_path):
     assert same(load_field(tmp_path / "field.nc"), field)
 
 
+def test_kernels_that_are_single_numbers_stay_so(tmp_path):
+    """They are most of a field in memory; others lose nothing either."""
+    field = michelson()
+    exact = tuple(replace(view, kernel=np.array([[0.1, 0.2], [0.3, 0.4]])) for view in field.views)
+    single = tuple(replace(view, kernel=view.kernel.astype(np.float32).astype(np.float64)) for view in exact)
+    assert exact
+    for views, dtype in ((exact, np.float64), (single, np.float32)):
+        save_field(replace(field, views=views), tmp_path / "field.nc")
+        for view, read in zip(views, load_field(tmp_path / "field.nc").views, strict=True):
+            assert read.kernel.dtype == dtype
+            np.testing.assert_array_equal(read.kernel, view.kernel)
+
+
 def test_a_field_of_something_else_is_refused(tmp_path):
     save_field(michelson(), tmp_path / "field.nc", {"instrument_hash": "abc"})
     with pytest.raises(InputError, match=r"instrument_hash = 'abc'.*'def'"):
