@@ -24,8 +24,8 @@ from cgi_wave.wave.overlap import integral_over
 from cgi_wave.wave.pullback import product_samples, shared
 from cgi_wave.wave.samples import PupilSamples
 
-#: Rays over the whole pupil, by which the chart is chosen, and over a part of it.
-SURVEY, PART = 1000, 484
+#: Rays over the whole pupil, by which the chart is chosen, where these do not show its edge, and over a part of it.
+SURVEY, MORE, PART = 1000, 4000, 484
 #: Bends that are tried, in units of the other beam's cone over the ghost's extent on the detector.
 BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Parts into which a pupil is cut at most, and the shared rays without which one is not cut.
@@ -107,7 +107,10 @@ def contrast_over_pupil(
     """
     # Here every ray counts, since the worst of them says which charts serve.
     rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes, 1.0)
-    own = _own_field(rays, label, tol)
+    try:
+        own = _own_field(rays, label, tol)
+    except MethodLimitError:  # a sliver, whose edge lies between too few rays
+        own = _own_field(_settle(trace, np.zeros(2), radius * OVER, MORE, _passes, 1.0), label, tol)
     if bend is not None:
         return _in_chart(trace, rays, own, other(bend), sigma, label, tol)
     charts, note = choose_charts(rays, other, sigma, label)
