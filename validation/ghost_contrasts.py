@@ -29,11 +29,13 @@ from cgi_wave.analysis import list_bands
 from cgi_wave.budget.pointsource import (
     CONTRAST_TOLERANCE,
     FINE_RAYS,
+    HOPELESS,
     SHARE,
     Contrast,
     contrast_of,
     direction_contrast,
     field_of,
+    missed_phase,
     nominal_fields,
 )
 from cgi_wave.budget.select import select_ghosts
@@ -172,8 +174,10 @@ def _place(
             return None
 
     def overlap(field: PupilField | None) -> Contrast | None:
+        if field is None or missed_phase(field) > HOPELESS * tolerance:  # as ``contrast_of`` has it
+            return None
         try:
-            return None if field is None else direction_contrast(field, place.nominal(0.0), SHARE * tolerance)
+            return direction_contrast(field, place.nominal(0.0), SHARE * tolerance)
         except CgiWaveError:
             return None
 

@@ -183,7 +183,7 @@ def contrast_of(
     for count in (FINE_RAYS, FINER_RAYS):
         try:
             field = fine_field(system, path, theta, x0, tolerance, count)
-            missed = 2.0 * np.pi * sigma0 * field.opl_residual
+            missed = missed_phase(field)
             if missed > HOPELESS * tolerance:
                 rough, why = field, f"phases missed by {missed:.1e} rad over directions"
                 break
@@ -223,6 +223,11 @@ def contrast_of(
             f"bound {over.error:.1e}, charts differ by {over.charts:.1e})"
         )
     return Contrast(over.value, error, how)
+
+
+def missed_phase(field: PupilField) -> float:
+    """Misfit of a field's path length at its middle σ, rad. Above HOPELESS tolerances its contrasts say little."""
+    return 2.0 * np.pi * float(field.sigma[field.sigma.size // 2]) * field.opl_residual
 
 
 def direction_contrast(ghost: PupilField, nominal: PupilField, tol: float) -> Contrast:

@@ -33,22 +33,6 @@ MAX_INTERVALS = 8
 
 
 @njit(**JIT)
-def chebyshev_powers(shift, stretch, n):
-    """(n, n) matrix of T_i(shift + stretch t) in powers of t."""
-    rows = np.zeros((n, n))
-    rows[0, 0] = 1.0
-    if n > 1:
-        rows[1, 0], rows[1, 1] = shift, stretch
-    for i in range(2, n):
-        for k in range(i + 1):
-            value = 2.0 * shift * rows[i - 1, k] - rows[i - 2, k]
-            if k > 0:
-                value += 2.0 * stretch * rows[i - 1, k - 1]
-            rows[i, k] = value
-    return rows
-
-
-@njit(**JIT)
 def restrict(coef, theta, out):
     """Univariate coefficients (P, n) of (P, n, n) polynomials along the ray at angle theta."""
     n = coef.shape[1]

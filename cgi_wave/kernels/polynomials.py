@@ -225,6 +225,44 @@ def _times(poly, c, u, v, degree):
 
 
 @njit(**JIT)
+def _chebyshev_powers(shift, stretch, n):
+    """(n, n) matrix of T_i(shift + stretch t) in powers of t."""
+    rows = np.zeros((n, n))
+    rows[0, 0] = 1.0
+    if n > 1:
+        rows[1, 0], rows[1, 1] = shift, stretch
+    for i in range(2, n):
+        for k in range(i + 1):
+            value = 2.0 * shift * rows[i - 1, k] - rows[i - 2, k]
+            if k > 0:
+                value += 2.0 * stretch * rows[i - 1, k - 1]
+            rows[i, k] = value
+    return rows
+
+
+@njit(**JIT)
+def expanded(coef, shift, stretch, n):
+    """Powers (C, n, n) of (x, y) of Chebyshev products (C, k, k) on (shift + stretch·(x, y)), k <= n; exact."""
+    k = coef.shape[1]
+    across, along = _chebyshev_powers(shift[0], stretch[0], k), _chebyshev_powers(shift[1], stretch[1], k)
+    out, half = np.zeros((coef.shape[0], n, n)), np.empty((k, k))
+    for c in range(coef.shape[0]):
+        half[:, :] = 0.0
+        for i in range(k):
+            for j in range(k - i):
+                factor = coef[c, i, j]
+                if factor != 0.0:
+                    for q in range(j + 1):
+                        half[i, q] += factor * along[j, q]
+        for i in range(k):
+            for p in range(i + 1):
+                factor = across[i, p]
+                for q in range(k - i):
+                    out[c, p, q] += factor * half[i, q]
+    return out
+
+
+@njit(**JIT)
 def reparameter(c, mid, half, out):
     """Powers of t of the polynomial c at s = mid + half t."""
     d = c.shape[0]

@@ -12,7 +12,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from cgi_wave.kernels.fit import values
-from cgi_wave.kernels.outline import chebyshev_powers
+from cgi_wave.kernels.polynomials import expanded
 
 Array = NDArray[np.float64]
 
@@ -46,11 +46,9 @@ def at_points(coef: Array, x: Array) -> Array:
 
 def expand(coef: Array, centre: Array, scale: Array, pivot: Array, frame: Array, n: int) -> Array:
     """Powers (..., n, n) about ``pivot`` in units ``frame`` of Chebyshev products (..., k, k), k <= n; exact."""
-    k = coef.shape[-1]
-    powers = [chebyshev_powers((pivot[a] - centre[a]) / scale[a], frame[a] / scale[a], k) for a in (0, 1)]
-    out = np.zeros((*coef.shape[:-2], n, n))
-    out[..., :k, :k] = np.swapaxes(powers[0], 0, 1) @ coef @ powers[1]
-    return out
+    shape = coef.shape
+    stacked = np.ascontiguousarray(coef).reshape(-1, shape[-1], shape[-1])
+    return expanded(stacked, (pivot - centre) / scale, frame / scale, n).reshape(*shape[:-2], n, n)
 
 
 def lagrange(nodes: Array, sigma: Array) -> Array:
