@@ -59,13 +59,14 @@ def _restrict_many(coef, cosine, sine, power, out):
 
 
 @njit(**JIT)
-def _root_between(f, m, x0, x1, f0):
-    """Root of the polynomial f[:m] in (x0, x1), where its sign changes once: Newton kept inside the bracket.
+def _root_between(f, m, x0, x1, f0, start):
+    """Root of the polynomial f[:m] in (x0, x1), where its sign changes once: Newton from start, kept in the bracket.
 
-    Ends where the error left by a step, which falls as the step's square, is rounding, or where steps stop to shrink.
+    Ends where what a step leaves, about its square and no more than the last steps say, is rounding, or where steps
+    stop to shrink.
     """
-    lo, hi, negative_lo, before = x0, x1, f0 < 0.0, x1 - x0
-    x = 0.5 * (lo + hi)
+    lo, hi, negative_lo, before = x0, x1, f0 < 0.0, 0.0
+    x = start if lo < start < hi else 0.5 * (lo + hi)
     for _ in range(80):
         value, slope = 0.0, 0.0
         for k in range(m - 1, -1, -1):
@@ -84,9 +85,9 @@ def _root_between(f, m, x0, x1, f0):
         size = abs(step - x)
         if size <= 4e-15 * (x1 + abs(x)):
             return step
-        if newton and (size**3 <= 1e-16 * before**2 * x1 or (size <= 1e-12 * x1 and size >= 0.5 * before)):
+        if newton and size <= 1e-8 * x1 and (size**3 <= 1e-16 * before**2 * x1 or size >= 0.5 * before):
             return step
-        x, before = step, size
+        x, before = step, size if newton else 0.0
     return x
 
 
@@ -129,13 +130,16 @@ def _roots(c, top, out):
     if concave or abs(c[1]) > slope:
         if (c[0] < 0.0) == (horner(c[: n + 1], top) < 0.0):
             return 0
-        out[0] = _root_between(c, n + 1, 0.0, top, c[0])
+        start = 0.5 * top
+        if concave:  # most apertures are nearly quadratic
+            start = 2.0 * c[0] / (math.sqrt(max(c[1] * c[1] - 4.0 * c[0] * c[2], 0.0)) - c[1])
+        out[0] = _root_between(c, n + 1, 0.0, top, c[0], start)
         return 1
     few = _sign_changes(c, n, top)
     if few == 0:
         return 0
     if few == 1:
-        out[0] = _root_between(c, n + 1, 0.0, top, c[0])
+        out[0] = _root_between(c, n + 1, 0.0, top, c[0], 0.5 * top)
         return 1
     f = np.empty(n + 1)
     previous = np.empty(n + 2)
@@ -155,7 +159,7 @@ def _roots(c, top, out):
             x1 = previous[i]
             f1 = horner(f[:m], x1)
             if (f0 < 0.0) != (f1 < 0.0):
-                out[found] = _root_between(f, m, x0, x1, f0)
+                out[found] = _root_between(f, m, x0, x1, f0, 0.5 * (x0 + x1))
                 found += 1
             x0, f0 = x1, f1
         count = found
