@@ -1,11 +1,12 @@
 """The study `fringes`: frames of a real zone beside the sum of every term, and what frames cost; streaming.
 
-    uv run python -m validation.fringes [--json] [--band NIR] [--pixels N] [--no-stream] [--out DIR]
+    uv run python -m validation.fringes [--json] [--band NIR] [--pixels N] [--no-stream] [--field FILE.nc] [--out DIR]
 
-Traces the band's fringe field, stretches it over 1024 × 1024 pixels, and makes the frame of a uniform scene with all
-ghosts. The direct sum (float64, compiled, two threads, every pair and spectral sample) is taken at random pixels: the
-error is measured there, and its time for the whole frame is extrapolated from them. The chart shows time against error
-as the spectral sampling and the number of pairs vary, with the default marked.
+Traces the band's fringe field, or reads it from a file (written there if it does not exist), stretches it over
+1024 × 1024 pixels, and makes the frame of a uniform scene with all ghosts. The direct sum (float64, compiled, two
+threads, every pair and spectral sample) is taken at random pixels: the error is measured there, and its time for the
+whole frame is extrapolated from them. The chart shows time against error as the spectral sampling and the number of
+pairs vary, and beside it that of a frame over a scene (``fringes_images``), with the defaults marked.
 """
 
 from __future__ import annotations
@@ -26,12 +27,15 @@ from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import zone_rows
 from cgi_wave.budget.fieldpoint import field_point
 from cgi_wave.budget.select import select_ghosts
-from cgi_wave.fields import BandField, fringe_field
+from cgi_wave.budget.setting import band_setting
+from cgi_wave.fields import BandField
+from cgi_wave.frames import field_of
 from cgi_wave.fringes import chebyshev
 from cgi_wave.fringes.field import FringeField, at_sigma, frozen
 from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.pattern import fringe_patterns
 from cgi_wave.fringes.psi import synthesise
+from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.paths import find_paths
 
 SIZE = 1024
@@ -246,9 +250,13 @@ def draw(found: dict[str, Any], out: Path) -> Path:
     return file
 
 
-def study(band: str = "NIR", pixels: int = 60, stream: bool = True, out: Path = OUT) -> dict[str, Any]:
-    """All figures; writes DIR/frames.png."""
-    field = fringe_field(band, progress=lambda text: print(text, file=sys.stderr, flush=True))
+def study(
+    band: str = "NIR", pixels: int = 60, stream: bool = True, out: Path = OUT, file: Path | None = None
+) -> dict[str, Any]:
+    """All figures; writes DIR/frames.png. file: of the fringe field, as ``frames.field_of`` takes it."""
+    loaded = load_instrument()
+    traced = field_of(loaded, band, None, DEFAULT_TOLERANCE, file, progress=_tell)
+    field = BandField(traced, band_setting(loaded.band(band)))
     found: dict[str, Any] = {"band": band, **field_effect(field), **speed(field, pixels)}
     found["picture"] = str(draw(found, out))
     if stream:
@@ -258,6 +266,10 @@ def study(band: str = "NIR", pixels: int = 60, stream: bool = True, out: Path = 
     return found
 
 
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
 def main() -> None:
     """Print the figures, or one JSON document."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -265,9 +277,10 @@ def main() -> None:
     parser.add_argument("--band", default="NIR")
     parser.add_argument("--pixels", type=int, default=60, help="for the direct sum (default %(default)s)")
     parser.add_argument("--no-stream", dest="stream", action="store_false")
+    parser.add_argument("--field", type=Path, help="file of the band's fringe field")
     parser.add_argument("--out", type=Path, default=OUT)
     options = parser.parse_args()
-    found = study(options.band, options.pixels, options.stream, options.out)
+    found = study(options.band, options.pixels, options.stream, options.out, options.field)
     if options.json:
         print(json.dumps(found))
         return
