@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 LABELS = {
-    "default": "default",
     "samples": "part of the wavenumbers",
     "pairs": "number of pairs of beams",
     "kernels": "tolerance of images; none: no blur",
@@ -40,7 +39,7 @@ def draw(found: dict[str, Any], file: Path) -> Path:
             x = [scale * point["seconds"] for point in some]
             y = [max(point["error"], FLOOR) for point in some]
             if series == "default":
-                ax.loglog(x, y, "r*", ms=15, zorder=3, label=LABELS[series])
+                ax.loglog(x, y, "r*", ms=15, zorder=3, label=_default(some[0]))
                 continue
             ax.loglog(x, y, MARKS[series], color=f"C{colour - 1}", ms=6, label=LABELS[series])
             for point, at, height in zip(some, x, y, strict=True):
@@ -56,3 +55,9 @@ def draw(found: dict[str, Any], file: Path) -> Path:
     figure.savefig(file, dpi=120)
     plt.close(figure)
     return file
+
+
+def _default(point: dict[str, Any]) -> str:
+    if "pairs" in point:
+        return f"default: {point['pairs']} pairs, {point['samples']} wavenumbers"
+    return f"default: {point['layers'] - 1} ghost families, {point['modes']} modes, {point['tolerance']:g}"
