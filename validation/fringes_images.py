@@ -2,9 +2,10 @@
 
 uv run python -m validation.fringes_images --field FILE.nc [--json]
 
-The scene is the embedded one under a plume, a test pattern that takes a few spectral modes. The truth is
-summed at random pixels layer by layer in float64: each image is blurred with its whole kernel, over the whole scene,
-and read by cubics where the layer looks; no grid of nodes, and the nominal image to a hundredth of the tolerance.
+The scene is the embedded one under a plume, a test pattern that takes a few spectral modes. The truth is summed at
+random pixels layer by layer in float64: each image is blurred with its whole kernel, over the whole scene, and read by
+cubics where the layer looks, or between two cells of ground if nothing blurs it; there is no grid of nodes, and the
+nominal image is made to a hundredth of the tolerance.
 """
 
 from __future__ import annotations
@@ -99,21 +100,20 @@ def truth(case: Case, j: Array, i: Array) -> Array:
         place = affine @ np.array([zone.x_m[i], zone.y_m[j], np.ones(len(j))])
         column = zone.column + (place[0] - zone.x_m[0]) / zone.pitch
         row = zone.row + (place[1] - zone.y_m[0]) / zone.pitch
-        beyond, kernel = np.array([4, 4]), None
-        seen = maps
+        seen: Array = maps
+        taps = 2  # ground made of uniform cells
         if layer.view is not None and layer.view.kernel.size > 1:
             kernel = layer.view.kernel.astype(np.float64)
-        rows = int(row.min()) - beyond[0], int(row.max()) + 5
-        columns = int(column.min()) - beyond[1], int(column.max()) + 5
-        if kernel is not None:
+            first, last = (np.array([int(pick(row)), int(pick(column))]) for pick in (np.min, np.max))
+            first, last = first - 4, last + 5
             how = blur.choose(kernel, 1e-12, maps[0].size)
-            seen = blur.part(maps, how, kernel, False, rows, columns)
-            row, column = row - rows[0], column - columns[0]
-        at_y, weight_y = smooth.taps(row, seen.shape[1], False)
-        at_x, weight_x = smooth.taps(column, seen.shape[2], False)
+            seen = blur.part(maps, how, kernel, False, (first[0], last[0]), (first[1], last[1]))
+            row, column, taps = row - first[0], column - first[1], 4
+        at_y, weight_y = smooth.taps(row, seen.shape[1], False, taps)
+        at_x, weight_x = smooth.taps(column, seen.shape[2], False, taps)
         read = np.zeros_like(pattern)
-        for a in range(4):
-            for b in range(4):
+        for a in range(taps):
+            for b in range(taps):
                 read += weight_y[:, a] * weight_x[:, b] * seen[:, at_y[:, a], at_x[:, b]]
         out += (pattern * read).sum(axis=0)
     return out
