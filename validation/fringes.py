@@ -1,11 +1,12 @@
 """The study `fringes`: frames of a real zone beside the sum of every term, and what frames cost; streaming.
 
-    uv run python -m validation.fringes [--json] [--band NIR] [--pixels N] [--no-stream] [--out DIR]
+    uv run python -m validation.fringes [--json] [--band NIR] [--pixels N] [--no-stream] [--field FILE.nc] [--out DIR]
 
-Traces the band's fringe field, stretches it over 1024 × 1024 pixels, and makes the frame of a uniform scene with all
-ghosts. The direct sum (float64, compiled, two threads, every pair and spectral sample) is taken at random pixels: the
-error is measured there, and its time for the whole frame is extrapolated from them. The chart shows time against error
-as the spectral sampling and the number of pairs vary, with the default marked.
+Traces the band's fringe field, or reads it from a file (written there if it does not exist), stretches it over
+1024 × 1024 pixels, and makes the frame of a uniform scene with all ghosts. The direct sum (float64, compiled, two
+threads, every pair and spectral sample) is taken at random pixels: the error is measured there, and its time for the
+whole frame is extrapolated from them. The chart shows time against error as the spectral sampling and the number of
+pairs vary, and beside it that of a frame over a scene (``fringes_images``), with the defaults marked.
 """
 
 from __future__ import annotations
@@ -26,13 +27,17 @@ from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.analysis import zone_rows
 from cgi_wave.budget.fieldpoint import field_point
 from cgi_wave.budget.select import select_ghosts
-from cgi_wave.fields import BandField, fringe_field
+from cgi_wave.budget.setting import band_setting
+from cgi_wave.fields import BandField
+from cgi_wave.frames import field_of
 from cgi_wave.fringes import chebyshev
 from cgi_wave.fringes.field import FringeField, at_sigma, frozen
 from cgi_wave.fringes.nma import retrieve
 from cgi_wave.fringes.pattern import fringe_patterns
 from cgi_wave.fringes.psi import synthesise
+from cgi_wave.optics.system import load_instrument
 from cgi_wave.rays.paths import find_paths
+from validation.fringes_plots import draw
 
 SIZE = 1024
 OUT = Path("out/validation/fringes")
@@ -104,7 +109,7 @@ def direct(zone: FringeField, sigma: Array, weight: Array, rows: Array, columns:
     return out, seconds
 
 
-def clock(call: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
+def clock(call: Callable[[], Any], repeats: int = 6) -> tuple[Any, float]:
     """Result and shortest time of some calls, after one that compiles."""
     result, best = call(), np.inf
     for _ in range(repeats):
@@ -143,16 +148,14 @@ def speed(band: BandField, pixels: int, seed: int = 1) -> dict[str, Any]:
     size = [float((zone.strength(p) * np.abs(p.gamma).max(axis=0)).max()) for p in zone.pairs]
     order = np.argsort(size)[::-1]
     nominal = zone.pairs.index(zone.nominal)
-    chart = [{"what": "default", "pairs": len(zone.pairs), "samples": len(sigma), "seconds": seconds, "error": error}]
+    everything = len(zone.pairs), len(sigma)
+    chart = [_point("default", "default", *everything, seconds, error)]
     for step in (2, 4):
-        spent_here, off = one(zone, step)
-        chart.append({"what": f"every {step} samples", "pairs": len(zone.pairs), "samples": len(sigma[::step]),
-                      "seconds": spent_here, "error": off})  # fmt: skip
+        chart.append(_point("samples", f"1/{step}", len(zone.pairs), len(sigma[::step]), *one(zone, step)))
     for count in (1, 3, 9, 20):
         kept = sorted({nominal, *order[:count].tolist()})
-        spent_here, off = one(replace(zone, pairs=tuple(zone.pairs[k] for k in kept)))
-        chart.append({"what": f"{len(kept)} pairs", "pairs": len(kept), "samples": len(sigma), "seconds": spent_here,
-                      "error": off})  # fmt: skip
+        fewer = replace(zone, pairs=tuple(zone.pairs[k] for k in kept))
+        chart.append(_point("pairs", str(len(kept)), len(kept), len(sigma), *one(fewer)))
     return {
         "speedup_vs_direct": whole / seconds,
         "frame_seconds": seconds,
@@ -170,6 +173,10 @@ def speed(band: BandField, pixels: int, seed: int = 1) -> dict[str, Any]:
         },
         "chart": chart,
     }
+
+
+def _point(series: str, what: str, pairs: int, samples: int, seconds: float, error: float) -> dict[str, Any]:
+    return {"series": series, "what": what, "pairs": pairs, "samples": samples, "seconds": seconds, "error": error}
 
 
 def nominal_only(zone: FringeField) -> FringeField:
@@ -224,38 +231,25 @@ def field_effect(band: BandField) -> dict[str, float]:
     }
 
 
-def draw(found: dict[str, Any], out: Path) -> Path:
-    """The chart of time against error."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, ax = plt.subplots(figsize=(6, 4), layout="constrained")
-    for point in found["chart"]:
-        default = point["what"] == "default"
-        ax.loglog(point["seconds"], max(point["error"], 1e-16), "r*" if default else "ko", ms=14 if default else 5)
-        ax.annotate(point["what"], (point["seconds"], max(point["error"], 1e-16)), xytext=(6, 4),
-                    textcoords="offset points", fontsize=8)  # fmt: skip
-    ax.set_xlabel("time of a 1024 × 1024 frame / s")
-    ax.set_ylabel("largest error / nominal baseline")
-    out.mkdir(parents=True, exist_ok=True)
-    file = out / "frames.png"
-    figure.savefig(file, dpi=120)
-    plt.close(figure)
-    return file
-
-
-def study(band: str = "NIR", pixels: int = 60, stream: bool = True, out: Path = OUT) -> dict[str, Any]:
-    """All figures; writes DIR/frames.png."""
-    field = fringe_field(band, progress=lambda text: print(text, file=sys.stderr, flush=True))
+def study(
+    band: str = "NIR", pixels: int = 60, stream: bool = True, out: Path = OUT, file: Path | None = None
+) -> dict[str, Any]:
+    """All figures; writes out/frames.png. file: of the fringe field, as ``frames.field_of`` takes it."""
+    loaded = load_instrument()
+    traced = field_of(loaded, band, None, DEFAULT_TOLERANCE, file, progress=_tell)
+    field = BandField(traced, band_setting(loaded.band(band)))
     found: dict[str, Any] = {"band": band, **field_effect(field), **speed(field, pixels)}
-    found["picture"] = str(draw(found, out))
     if stream:
-        from validation import fringes_stream
+        from validation import fringes_images, fringes_stream
 
+        found |= fringes_images.study(field.field)
         found |= fringes_stream.study(field.field)
+    found["picture"] = str(draw(found, out / "frames.png"))
     return found
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def main() -> None:
@@ -265,9 +259,10 @@ def main() -> None:
     parser.add_argument("--band", default="NIR")
     parser.add_argument("--pixels", type=int, default=60, help="for the direct sum (default %(default)s)")
     parser.add_argument("--no-stream", dest="stream", action="store_false")
+    parser.add_argument("--field", type=Path, help="file of the band's fringe field")
     parser.add_argument("--out", type=Path, default=OUT)
     options = parser.parse_args()
-    found = study(options.band, options.pixels, options.stream, options.out)
+    found = study(options.band, options.pixels, options.stream, options.out, options.field)
     if options.json:
         print(json.dumps(found))
         return

@@ -16,6 +16,7 @@ most 1/24 of the fourth difference (3/128 away from the scene's ends). Blurred m
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -127,7 +128,8 @@ class Beams:
     def frame(self, shift: float, out: Real | None = None, pool: ThreadPoolExecutor | None = None) -> Real:
         """(R, X) the frame when the ground has moved by ``shift`` rows; into ``out`` if given.
 
-        ``pool``: one thread of it helps the caller; the result is the same to the last bit.
+        ``pool``: one thread of it helps the caller; the result is the same to the last bit. What goes wrong in that
+        thread is raised here, and neither waits for pieces that the other will never finish.
 
         Raises InputError when the nominal beam looks beyond a scene that does not repeat, or ``out`` does not fit.
         """
@@ -138,20 +140,30 @@ class Beams:
                              f"give a contiguous {np.dtype(self.dtype)} array of {(rows, columns)}")  # fmt: skip
         self.ready(shift)
         counters = np.zeros((1 + len(self.warped), 2), np.int64)
+        failed: list[BaseException] = []
 
-        def work(from_top: bool) -> None:
+        def pieces_of(from_top: bool) -> None:
             pieces = kernels.frame_rows(out, self._terms, self._places, shift, self.wrap, *self._smooth, counters[0],
                                         from_top)  # fmt: skip
-            _done(counters[0], pieces)
+            _done(counters[0], pieces, failed)
             for turned, counter in zip(self.warped, counters[1:], strict=True):
                 kernels.warped_rows(out, turned.pattern, turned.image, turned.x, turned.y, shift, self.wrap,
                                     turned.taps, counter, from_top)  # fmt: skip
-                _done(counter, -(-rows // kernels.PIECE))
+                _done(counter, -(-rows // kernels.PIECE), failed)
+
+        def work(from_top: bool) -> None:
+            try:
+                pieces_of(from_top)
+            except BaseException as error:
+                failed.append(error)
+                raise
 
         # The caller is one of the two, and does not wait for the other to wake up: that takes a tenth of a frame.
         if pool is not None:
             pool.submit(work, False)
         work(True)
+        if failed:
+            raise failed[0]
         return out
 
     def ready(self, shift: float) -> None:
@@ -199,7 +211,9 @@ def no_layers(shape: tuple[int, int], dtype: type) -> Smooth:
     )  # fmt: skip
 
 
-def _done(counter: Index, pieces: int) -> None:
-    """Wait until all pieces are done; both threads have stopped taking new ones."""
+def _done(counter: Index, pieces: int, failed: Sequence[BaseException]) -> None:
+    """Wait until all pieces are done; both threads have stopped taking new ones. Raises what stopped the other one."""
     while counter[1] < pieces:
+        if failed:
+            raise failed[0]
         time.sleep(2e-5)

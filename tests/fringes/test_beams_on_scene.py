@@ -1,6 +1,7 @@
 """Frames: every way of imaging against the definition, exact shifts and flips, smooth ghosts within their error."""
 
 import re
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -10,6 +11,7 @@ from scroll_cases import PITCH, SHARP, fringes, gaussian, layer, scene, slow_ima
 from cgi_wave.errors import InputError
 from cgi_wave.fringes.beams_on_scene import Sharp
 from cgi_wave.fringes.preparation import prepare
+from cgi_wave.kernels import frames as kernels
 
 FLIP = [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
 
@@ -132,6 +134,43 @@ def test_single_precision_and_threads():
             assert one.dtype == np.float32
             np.testing.assert_allclose(one, exact.frame(shift), atol=5e-7)
             np.testing.assert_array_equal(short.frame(shift, None, pool), one)
+
+
+@pytest.mark.parametrize("helper_fails", [True, False])
+def test_a_thread_that_fails_with_a_piece_in_hand_stops_the_frame(monkeypatch, helper_fails):
+    """Whichever of the two it is: the caller gets its exception, and nobody waits for the piece."""
+    z = zone(40, 24, period=12.0)
+    beams = prepare([layer(fringes(z))], scene(60, 24), z)
+    right = beams.frame(0.0)
+    taken = threading.Event()
+    compiled = kernels.frame_rows
+
+    def fails(*arguments):
+        counter, from_top = arguments[-2:]
+        if from_top == helper_fails:
+            assert taken.wait(30.0)
+            return compiled(*arguments)
+        counter[0] += 1
+        taken.set()
+        raise FloatingPointError("a piece that nobody finishes")
+
+    found = []
+
+    def call():
+        try:
+            beams.frame(0.0, None, pool)
+        except FloatingPointError as error:
+            found.append(str(error))
+
+    with ThreadPoolExecutor(1) as pool:
+        with monkeypatch.context() as patched:
+            patched.setattr(kernels, "frame_rows", fails)
+            caller = threading.Thread(target=call, daemon=True)
+            caller.start()
+            caller.join(60.0)
+            assert found == ["a piece that nobody finishes"]
+            pool.submit(taken.is_set).result(60.0)  # the helper has come back, too
+        np.testing.assert_array_equal(beams.frame(0.0, None, pool), right)
 
 
 def test_uniform_scene_shows_the_patterns_whatever_the_maps():
