@@ -71,6 +71,19 @@ def test_sheared_annuli_with_two_holes_corners_and_pieces(obscuration, shift):
     agree(overlap(moved, still, ONE), area / (np.pi * (1 - obscuration**2)), 1e-6)
 
 
+@pytest.mark.parametrize("obscuration", [0.2, 0.8])
+def test_integrals_along_the_boundary_are_those_over_the_area(obscuration):
+    # what bounds are made of, with amplitudes that grow to ten times their size in the holes, where nobody asks
+    def peaked(x, y):
+        return 1.0 + 9.0 * np.exp(-8.0 * (x**2 + y**2))
+
+    still = fit_field(beam(amplitude=peaked, clearances=[disc(), hole(obscuration)]))
+    moved = fit_field(beam(clearances=[disc(1.0, 0.6), hole(obscuration, 0.6)], centre=(0.6, 0.0)))
+    by_panels, by_boundary = (overlap(moved, still, ONE, 1e-9, way) for way in ("panels", "boundary"))
+    assert by_boundary.shared == pytest.approx(by_panels.shared, rel=1e-6)
+    assert by_boundary.value[0] == pytest.approx(by_panels.value[0], abs=1e-9)
+
+
 def test_one_aperture_known_from_two_clouds_of_rays():
     # two fits of the same edge differ by their misfit and cross many times: no corners worth the name
     def edge(x, y):
