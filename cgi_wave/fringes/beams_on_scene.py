@@ -112,8 +112,9 @@ class LayerPlan:
 
 @dataclass(frozen=True)
 class Beams:
-    """Everything a frame needs but the scroll. ``error``: sum over the layers' plans. height: rows of the scene. The
-    zone has lost its phase: what is needed of it is in the smooth layers."""
+    """Everything a frame needs but the scroll. ``error``: sum over the layers' plans. height: rows of the scene; span:
+    least and largest scroll, rows, that images are made for, None: any. The zone has lost its phase: what is needed of
+    it is in the smooth layers."""
 
     zone: Zone
     dtype: type
@@ -124,6 +125,7 @@ class Beams:
     smooth: Smooth | None
     plans: tuple[LayerPlan, ...]
     error: float
+    span: tuple[float, float] | None = None
 
     def frame(self, shift: float, out: Real | None = None, pool: ThreadPoolExecutor | None = None) -> Real:
         """(R, X) the frame when the ground has moved by ``shift`` rows; into ``out`` if given.
@@ -167,10 +169,13 @@ class Beams:
         return out
 
     def ready(self, shift: float) -> None:
-        """Raise InputError if the nominal beam looks beyond the scene at this scroll."""
+        """Raise InputError if the nominal beam looks beyond the scene at this scroll, or images do not reach there."""
         for term in self.sharp if not self.wrap else ():
             if term.strict:
                 self._inside(term.reach + (shift - term.margin))
+        if self.span is not None and not self.span[0] - WHOLE <= shift <= self.span[1] + WHOLE:
+            raise InputError("frames", "shift", shift, f"lies outside the scrolls {self.span[0]:g} to {self.span[1]:g} "
+                             "that images are made for", "prepare the layers for this part of the scroll")  # fmt: skip
 
     @cached_property
     def _terms(self) -> Index:

@@ -28,7 +28,8 @@ FEWER = 0.1
 
 @dataclass(frozen=True)
 class NominalImage:
-    """maps (K, C, H, X) : images of the scene, one per term, on the zone's columns; along (K, R) : T_k on its rows
+    """maps (K, C, H, X) : images of the scene, one per term, on the zone's columns and on rows of the scene from the
+    ``first`` on; along (K, R) : T_k on the zone's rows
 
     blur : how kernels were applied; kernels : number of convolutions per map
     error : what convolutions add; between : measured on the scene at the points between the nodes, with the terms that
@@ -44,13 +45,65 @@ class NominalImage:
     between: float
     window: float
     arms: float
+    first: int = 0
 
 
-def nominal_image(
+@dataclass(frozen=True)
+class NominalBlur:
+    """What makes nominal images of any part of a scene. shapes (S, h, w), how (S,) : kernels and how each is applied;
+    weights (S, K, X) : how terms are made of them; along (K, R)
+
+    misfit (N, h, w) : what the kernels miss at the points between the nodes; lost : Σ|…| of all that was left out;
+    outside, arms : of the PSF; error : of the convolutions, in units of the scene
+    """
+
+    shapes: Array
+    how: tuple[blur.Blur, ...]
+    weights: Array
+    along: Array
+    column: Array
+    misfit: Array
+    lost: float
+    outside: float
+    arms: float
+    error: float
+    precision: type
+    tile: bool
+
+    def image(self, maps: Real, rows: tuple[int, int] | None = None) -> NominalImage:
+        """The image of a scene (C, H, W) on its rows from the first up to the second number (None, or if it repeats:
+        all). Errors are those on this part."""
+        height, width = maps.shape[1:]
+        rows = (0, height) if rows is None or self.tile else (max(rows[0], 0), min(rows[1], height))
+        low, high = int(np.floor(self.column.min())) - 2, int(np.ceil(self.column.max())) + 3
+        low, high = max(low, 0), min(high, width)
+        out: Real = np.zeros((self.weights.shape[1], len(maps), rows[1] - rows[0], len(self.column)), self.precision)
+        for shape, how, weight in zip(self.shapes, self.how, self.weights, strict=True):
+            for c, one in enumerate(maps):
+                part = blur.part(one[None], how, shape, self.tile, rows, (low, high))[0].astype(self.precision)
+                seen = _columns(part, self.column - low)
+                for k, by_column in enumerate(weight):
+                    out[k, c] += (by_column * seen).astype(self.precision)
+        reach = float(maps[0].max()) - float(maps[0].min())
+        measured = max((self._largest(maps[:1], one, rows) for one in self.misfit), default=0.0)
+        return NominalImage(
+            out, self.along, " and ".join(sorted({how.method for how in self.how})), len(self.shapes), self.error,
+            measured + 0.5 * self.lost * reach, self.outside * reach, 0.5 * self.arms * reach, rows[0],
+        )  # fmt: skip
+
+    def _largest(self, image: Real, kernel: Array, rows: tuple[int, int]) -> float:
+        """Largest |value| of an image through a kernel."""
+        if not kernel.any():
+            return 0.0
+        how = blur.choose(kernel, 0.0, image.size)
+        return float(np.abs(blur.part(image, how, kernel, self.tile, rows, (0, image.shape[2]))).max())
+
+
+def nominal_blur(
     psf: NominalPsf, zone: tuple[float, float, float, float], pixels: Zone, maps: Real, tolerance: float,
     precision: type = np.float64, tile: bool = False,
-) -> NominalImage:  # fmt: skip
-    """Convolve a scene with the nominal PSF.
+) -> NominalBlur:  # fmt: skip
+    """How to convolve a scene with the nominal PSF.
 
     zone : x0, x1, y0, y1, m, that psf's nodes are for; pixels : of the frames, in it; maps (C, H, W) : the scene;
     tolerance : error allowed to convolutions, relative to the scene's largest value; tile : along track it repeats
@@ -61,31 +114,29 @@ def nominal_image(
     rest = np.abs(terms).sum(axis=(2, 3)).max(axis=1)[::-1].cumsum()[::-1]
     count = max(int((rest > unseen).sum()), 1) if len(misfit) else len(terms)
     left = float(rest[count]) if count < len(rest) else 0.0
-    kept = terms[:count]
-    scale = float(np.abs(maps).max()) or 1.0
     to_x = chebyshev.interpolation_matrix(psf.x_m, pixels.x_m)
-    column = np.asarray(pixels.column + np.arange(len(pixels.x_m)), np.float64)
-    shapes, mix, lost = _shapes(kept, max(FEWER * unseen, 1e-12))
+    shapes, mix, lost = _shapes(terms[:count], max(FEWER * unseen, 1e-12))
     weights = np.einsum("ib,kbr->rki", to_x, mix)
-    out: Real = np.zeros((count, len(maps), maps.shape[1], len(column)), precision)
-    error, names = 0.0, set()
-    for shape, weight in zip(shapes, weights, strict=True):
-        size = float(np.abs(weight).sum(axis=0).max()) or 1.0
-        how = blur.choose(shape, tolerance / len(shapes) / size, maps[0].size, precision == np.float32)
-        names.add(how.method)
-        error += how.error * size
-        for c, one in enumerate(maps):
-            seen = _columns(blur.correlate(one[None].astype(precision), how, shape, tile)[0], column)
-            for k in range(count):
-                out[k, c] += (weight[k] * seen).astype(precision)
+    size = [float(np.abs(weight).sum(axis=0).max()) or 1.0 for weight in weights]
+    how = tuple(
+        blur.choose(shape, tolerance / len(shapes) / one, maps[0].size, precision == np.float32)
+        for shape, one in zip(shapes, size, strict=True)
+    )
     v = (2.0 * pixels.y_m - zone[2] - zone[3]) / (zone[3] - zone[2])
     along = np.asarray(np.polynomial.chebyshev.chebvander(v, count - 1).T, np.float64)
-    reach = float(np.ptp(maps[0]))
-    measured = max((_largest(maps[0], one) for one in misfit), default=0.0)
-    return NominalImage(
-        out, along, " and ".join(sorted(names)), len(shapes), error * scale, measured + 0.5 * (left + lost) * reach,
-        psf.outside * reach, 0.5 * psf.arms * reach,
-    )  # fmt: skip
+    column = np.asarray(pixels.column + np.arange(len(pixels.x_m)), np.float64)
+    scale = max(float(maps.max()), -float(maps.min())) or 1.0
+    error = scale * sum(one.error * part for one, part in zip(how, size, strict=True))
+    return NominalBlur(shapes, how, weights, along, column, misfit, left + lost, psf.outside, psf.arms, error,
+                       precision, tile)  # fmt: skip
+
+
+def nominal_image(
+    psf: NominalPsf, zone: tuple[float, float, float, float], pixels: Zone, maps: Real, tolerance: float,
+    precision: type = np.float64, tile: bool = False,
+) -> NominalImage:  # fmt: skip
+    """A whole scene through the nominal PSF: ``nominal_blur`` and its image."""
+    return nominal_blur(psf, zone, pixels, maps, tolerance, precision, tile).image(maps)
 
 
 def _terms(psf: NominalPsf) -> Array:
@@ -145,11 +196,3 @@ def _columns(seen: Real, column: Array) -> Real:
     if np.abs(column - nearest).max() < 1e-9:
         return seen[:, nearest.astype(np.int64)]
     return smooth.resampled(seen[None], column, 2, False, 4)[0]
-
-
-def _largest(image: Real, kernel: Array) -> float:
-    """Largest |value| of an image through a kernel."""
-    if not kernel.any():
-        return 0.0
-    how = blur.choose(kernel, 0.0, image.size)
-    return float(np.abs(blur.correlate(image[None].astype(np.float64), how, kernel, False)).max())

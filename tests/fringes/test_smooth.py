@@ -10,7 +10,8 @@ from scroll_cases import fringes, gaussian, layer, scene, zone
 from cgi_wave.errors import InputError
 from cgi_wave.fringes import smooth
 from cgi_wave.fringes.beams_on_scene import Beams, Sharp
-from cgi_wave.fringes.preparation import _Candidate, _gather, prepare
+from cgi_wave.fringes.preparation import prepare
+from cgi_wave.fringes.ways import Placed, gathered, turn_of
 
 
 def candidate(rng, where, kinds, dark, size, modes):
@@ -21,7 +22,7 @@ def candidate(rng, where, kinds, dark, size, modes):
         envelope[:, 1:, len(where.nodes[0]) :] = 0.0
     coarse = rng.standard_normal((modes, size, len(where.nodes[1])))
     place = rng.uniform(-1.0, size, rows)
-    return _Candidate(envelope, coarse, place, rng.uniform(5.0, 9.0), 0.0)
+    return Placed(envelope, coarse, place, rng.uniform(5.0, 9.0), 0.0)
 
 
 def cubic_line(values, place, wrap):
@@ -71,7 +72,17 @@ def test_every_pixel_is_the_plain_sum(pitch, wrap, period, modes):
     parts = [candidate(rng, where, n, 3, 7 + n, modes) for n in kinds]
     pattern, image = rng.random((modes, *z.shape)), rng.random((modes, 80, 37))
     nominal = Sharp("nominal", pattern, image, 2.0 + np.arange(43.0), 2, 0, True)
-    beams = Beams(z, np.float64, wrap, 80, (nominal,), (), _gather(parts, z, where, np.float64, wrap), (), 0.0)
+    beams = Beams(
+        z,
+        np.float64,
+        wrap,
+        80,
+        (nominal,),
+        (),
+        gathered(parts, z, where, turn_of(z, where, np.float64), wrap, np.float64),
+        (),
+        0.0,
+    )
     for shift in (5.0, 11.3):
         part = shift - np.floor(shift)
         low = 2 + int(shift) + np.arange(43)
