@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.fringefield import zone_of, zone_rows_lit
 from cgi_wave.errors import InputError
-from cgi_wave.frames import Frame, Progress, Stopwatch, ZoneEdges, check_shift, field_of, framed, place_scene
+from cgi_wave.frames import Frame, check_shift, field_of, framed
 from cgi_wave.fringes.field import FringeField
 from cgi_wave.optics.system import Instrument, load_instrument
+from cgi_wave.ready import Progress, Stopwatch, ZoneEdges, place_scene
 
 Array = NDArray[np.float64]
 Real = NDArray[np.floating]

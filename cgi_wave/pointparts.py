@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
-from cgi_wave.frames import IMAGES, Ready, zone_on
 from cgi_wave.fringes import chebyshev
-from cgi_wave.fringes.beams_on_scene import Beams
 from cgi_wave.fringes.field import FieldPair, FringeField
+from cgi_wave.fringes.imaging import SPARE, Span
+from cgi_wave.fringes.nominal_image import NominalImage
 from cgi_wave.fringes.pattern import Layer, fringe_patterns
-from cgi_wave.fringes.preparation import prepare
+from cgi_wave.fringes.preparation import choose
 from cgi_wave.fringes.scroll import Motion
 from cgi_wave.fringes.subfield import with_families
+from cgi_wave.ready import IMAGES, Ready, nominal_phase, zone_on
 
 Array = NDArray[np.float64]
 #: Columns about the point for which patterns are made.
@@ -67,15 +68,15 @@ def point_parts(ready: Ready, moves: Motion, ground: int, column: int) -> PointP
     narrow = _columns(field, strip)
     sigma = ready.scene.sigma
     weights = ready.band_filter.transmission(sigma) * ready.scene.shapes
-    at = (seen, row[seen], column - first)
+    point = _Point(ready, narrow, strip, moves.rows[seen], row[seen], column - first)
     bare = fringe_patterns(with_families(narrow, ()), sigma, weights)
-    nominal = _along(ready, bare, narrow, strip, moves, *at)
-    parasitic = _along(ready, fringe_patterns(narrow, sigma, weights), narrow, strip, moves, *at) - nominal
+    nominal = point.along(bare)
+    parasitic = point.along(fringe_patterns(narrow, sigma, weights)) - nominal
     parts: dict[str, Array] = {}
     for view in narrow.views:
         layers = fringe_patterns(with_families(narrow, (view.family,)), sigma, weights)
         own = (replace(layers[0], pattern=layers[0].pattern - bare[0].pattern), *layers[1:])
-        parts[view.name] = _along(ready, own, narrow, strip, moves, *at)
+        parts[view.name] = point.along(own)
     rest = parasitic - np.sum([*parts.values(), np.zeros_like(nominal)], axis=0)
     frequency: Array = np.fft.rfftfreq(len(seen), field.pixel_m).astype(np.float64)
     return PointParts(
@@ -90,19 +91,30 @@ def _columns(field: FringeField, strip: slice) -> FringeField:
     return replace(field, zone=zone, columns=(field.columns[0] + strip.start, field.columns[0] + strip.stop))
 
 
-def _along(
-    ready: Ready, layers: tuple[Layer, ...], narrow: FringeField, strip: slice, moves: Motion, seen: NDArray[np.int64],
-    row: NDArray[np.int64], column: int,
-) -> Array:  # fmt: skip
-    """(J,) what the layers give on the rows that see the point, each in its frame."""
-    zone = zone_on(narrow, ready.scene, ready.phase[:, strip])
-    image = None
-    if ready.image is not None:
-        image = replace(ready.image, maps=ready.image.maps[..., strip])
-    beams: Beams = prepare(layers, ready.scene.maps, zone, tolerance=IMAGES, precision="float64", nominal=image)
-    return np.array([
-        beams.frame(float(moves.rows[k]))[j, column] for k, j in zip(seen.tolist(), row.tolist(), strict=True)
-    ])  # fmt: skip
+class _Point:
+    """A ground point on the rows (J,) of a strip of the zone that see it, each at a scroll (J,) of its own."""
+
+    def __init__(
+        self, ready: Ready, narrow: FringeField, strip: slice, scrolls: Array, row: NDArray[np.int64], column: int
+    ) -> None:  # fmt: skip
+        self.maps, self.zone = ready.scene.maps, zone_on(narrow, ready.scene, nominal_phase(narrow))
+        self.span = Span(float(scrolls.min()), float(scrolls.max()))
+        self.places = list(zip(scrolls.tolist(), row.tolist(), strict=True))
+        self.column = column
+        self.image: NominalImage | None = None
+        if ready.blur is not None:
+            whole = ready.blur
+            blur = replace(whole, weights=whole.weights[..., strip], column=whole.column[strip], precision=np.float64)
+            first = int(np.floor(self.zone.row + self.span.low)) - SPARE
+            last = int(np.ceil(self.zone.row + self.span.high)) + self.zone.shape[0] + SPARE
+            self.image = blur.image(self.maps, (first, last))
+
+    def along(self, layers: tuple[Layer, ...]) -> Array:
+        """(J,) what the layers give on each row, in its frame."""
+        beams = choose(
+            layers, self.maps, self.zone, tolerance=IMAGES, precision="float64", span=self.span
+        ).beams(self.span, self.image)  # fmt: skip
+        return np.array([beams.frame(scroll)[j, self.column] for scroll, j in self.places])
 
 
 def _spectrum(values: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,25 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave import DEFAULT_TOLERANCE
-from cgi_wave.frames import Progress, Ready, Stopwatch, errors_of, field_of, lit_rows, ready_for
-from cgi_wave.fringes.beams_on_scene import LayerPlan
+from cgi_wave.frames import field_of
+from cgi_wave.fringes.beams_on_scene import Beams, LayerPlan
 from cgi_wave.fringes.detector import Detector
 from cgi_wave.fringes.field import FringeField
+from cgi_wave.fringes.imaging import Span
 from cgi_wave.fringes.maps import (
     GroundFit,
+    Maps,
     NmaErrors,
     Relation,
     Retrieved,
     Window,
     albedo_contrast,
     bias_by_contrast,
-    collected,
     nma_errors,
     window,
 )
-from cgi_wave.fringes.scroll import Motion, motion, stream
-from cgi_wave.fringes.tdi import Tdi, accumulate, plan_tdi
+from cgi_wave.fringes.scroll import Motion, motion, streams
+from cgi_wave.fringes.steady import SteadyFit
+from cgi_wave.fringes.tdi import Charge, Tdi, plan_tdi
 from cgi_wave.optics.system import load_instrument
+from cgi_wave.ready import STRETCH, Images, Progress, Ready, Stopwatch, lit_rows, ready_for
 from cgi_wave.scene.ground import Scene
 
 Array = NDArray[np.float64]
@@ -56,7 +59,7 @@ class Scrolled:
     nominal: Retrieved
     recorded: Retrieved
     errors: NmaErrors
-    contrast: Array
+    contrast: Real
     relation: Relation | None
     moves: Motion
     frames: int
@@ -115,67 +118,123 @@ def scroll(
     if low < 0.0:  # the scene begins where the first row looks
         moves = Motion(moves.rows + np.ceil(-low), moves.step)
     fractions = bool(np.any(moves.rows != np.rint(moves.rows)))
-    ready = ready_for(loaded, traced, scene, float(moves.rows.max()), True, "float32", progress, watch, fractions)
-    middle = ready.phase[:, ready.phase.shape[1] // 2]
+    span = Span(float(moves.rows.min()), float(moves.rows.max()))
+    ready = ready_for(loaded, traced, scene, span, True, "float32", progress, watch, fractions)
+    phase = ready.phase
+    middle = phase[:, phase.shape[1] // 2]
     per_fringe = 2.0 * np.pi * (len(middle) - 1) / abs(float(middle[-1] - middle[0]))
     plan = plan_tdi(len(middle), tdi, per_fringe, moves) if tdi != 1 else None
-    fit, fit_moves = _fit_of(ready, plan, moves)
-    first = round(ready.zone.row)
-    runs = [GroundFit(fit, fit_moves, first, noise) for noise in (None, detector)]
+    fit, fit_moves = _fit_of(phase, traced, plan, moves)
+    del phase
+    run = GroundFit(fit, fit_moves, round(ready.zone.row), detector)
     film = _Film(total, ready.zone.shape)
-    taken = film.watched(_recorded(stream(ready.beams, moves), detector, seed, film), sink)
-    pairs = zip(_added(stream(ready.nominal_beams, moves), plan), _added(taken, plan), strict=True)
-    done: tuple[list[tuple[int, Real, Real, int]], ...] = ([], [])
-    for k, both in enumerate(pairs):
-        for run, one, rows_done in zip(runs, both, done, strict=True):
-            rows_done.extend(run.add(one))
+    steady = _steady_fit(ready, fit, moves) if plan is None else None
+    images = _Images(ready, steady is None)
+    bare = GroundFit(fit, fit_moves, round(ready.zone.row)) if steady is None else None
+    adders = _Added(plan), _Added(plan)
+    recorded, nominal = Maps(run.most, fit), Maps(run.most, fit)
+    for k, frames_of in enumerate(streams(images.beams, moves, STRETCH)):
+        taken = frames_of[0] if detector is None else film.recorded(*detector.record(frames_of[0], k, seed))
+        if sink is not None:
+            sink(k, taken)
+        film.watch(k, taken)
+        for row in adders[0].rows(run, taken):
+            recorded.add(*row)
+            if steady is not None:
+                nominal.add(row[0], steady.terms(images.row(row[0])), 0.0, row[3])
+        for row in adders[1].rows(bare, frames_of[1]) if bare is not None else ():
+            nominal.add(*row)
         if (k + 1) % 100 == 0:
-            progress(f"{band}: frame {k + 1} of {total}, {len(done[0])} rows of ground")
-    nominal, recorded = (collected(part, fit, total) for part in done)
+            progress(f"{band}: frame {k + 1} of {total}, {len(recorded)} rows of ground")
+    maps = nominal.retrieved(total), recorded.retrieved(total)
     watch.lap("frames")
-    found = nma_errors(nominal, recorded)
-    contrast = albedo_contrast(nominal.baseline)
+    found = nma_errors(*maps)
+    contrast = albedo_contrast(maps[0].baseline)
     flat = float(np.ptp(ready.scene.maps[0])) == 0.0
-    errors = errors_of(ready)
-    y = ready.scene.origin_m[1] + nominal.ground * ready.scene.pixel_m
+    y = ready.scene.origin_m[1] + maps[0].ground * ready.scene.pixel_m
     watch.lap("retrieval")
+    relation = None if flat else bias_by_contrast(found.error, contrast)
     return Scrolled(
-        band, ready.zone.x_m, np.asarray(y), ready.scene.ground_pixel_m, nominal, recorded, found, contrast,
-        None if flat else bias_by_contrast(found.error, contrast), moves, total, per_fringe, plan, film.saturated,
-        *film.developed(), sum(errors.values()), errors, ready.beams.plans, ready.scene.source, loaded.name,
-        loaded.hash, ready, watch.seconds,
+        band, ready.zone.x_m, np.asarray(y), ready.scene.ground_pixel_m, maps[0], maps[1], found, contrast, relation,
+        moves, total, per_fringe, plan, film.saturated, *film.developed(), sum(images.errors.values()), images.errors, images.plans,
+        ready.scene.source, loaded.name, loaded.hash, ready, watch.seconds,
     )  # fmt: skip
 
 
-def _fit_of(ready: Ready, plan: Tdi | None, moves: Motion) -> tuple[Window, Motion]:
+class _Images:
+    """Images of the part of the scroll that frames are made of, and the largest errors of all parts."""
+
+    def __init__(self, ready: Ready, nominal: bool) -> None:
+        self.errors: dict[str, float] = {}
+        self.plans: tuple[LayerPlan, ...] = ()
+        self._ready, self._nominal = ready, nominal
+        self._held: Images | None = None
+
+    def beams(self, span: Span) -> tuple[Beams, ...]:
+        """With ghosts, and without where frames without are wanted; the images before are let go first."""
+        self._held = None
+        held = self._held = self._ready.at(span, self._nominal)
+        self.errors = {name: max(value, self.errors.get(name, 0.0)) for name, value in held.errors.items()}
+        old = self.plans or held.beams.plans
+        self.plans = tuple(max(pair, key=lambda plan: plan.error) for pair in zip(old, held.beams.plans, strict=True))
+        return (held.beams,) if held.nominal_beams is None else (held.beams, held.nominal_beams)
+
+    def row(self, ground: int) -> Real:
+        """(K, C, X) the nominal image of a ground row."""
+        assert self._held is not None
+        image, zone = self._held.image, self._ready.zone
+        if image is not None:
+            return image.maps[:, :, ground - image.first]
+        first = round(zone.column)
+        return self._ready.scene.maps[None, :, ground, first : first + zone.shape[1]]
+
+
+def _steady_fit(ready: Ready, fit: Window, moves: Motion) -> SteadyFit | None:
+    """The retrieval of nominal maps without frames; None where rows are not seen once each, and in whole."""
+    places = [ready.zone.row] if ready.blur is not None else [ready.zone.row, ready.zone.column]
+    if not moves.regular or np.any(moves.rows % 1.0) or np.any(np.array(places) % 1.0):
+        return None
+    (layer,) = ready.nominal_layers
+    along = np.ones((1, ready.zone.shape[0])) if ready.blur is None else ready.blur.along
+    return SteadyFit(fit, layer.pattern, along)
+
+
+def _fit_of(phase: Array, field: FringeField, plan: Tdi | None, moves: Motion) -> tuple[Window, Motion]:
     """The window of the fit and the motion of what it is fed with: frames, or means over TDI rows.
 
     A mean stands on the first of its rows, in frames as long as the others, with the phase of the mean OPD. Rows in
     dead zones, and means that one of them is in, take no part.
     """
-    lit = lit_rows(ready.field)
+    lit = lit_rows(field)
     if plan is None:
-        return window(ready.phase, lit=lit), moves
+        return window(phase, lit=lit), moves
     low = np.floor(plan.mean_row).astype(int)
-    high = np.minimum(low + 1, len(ready.phase) - 1)
+    high = np.minimum(low + 1, len(phase) - 1)
     part = (plan.mean_row - low)[:, None]
     bright = lit[plan.first[:, None] + plan.offsets[None, :]].all(axis=1)
-    fit = window((1.0 - part) * ready.phase[low] + part * ready.phase[high], lit=bright)
+    fit = window((1.0 - part) * phase[low] + part * phase[high], lit=bright)
     return replace(fit, rows=plan.first[fit.rows]), Motion(moves.rows[int(plan.offsets[-1]) :], moves.step)
 
 
-def _added(frames: Iterable[Real], plan: Tdi | None) -> Iterator[Real]:
+class _Added:
     """Frames as they are, or means over TDI rows, each on the row that ``_fit_of`` says."""
-    if plan is None:
-        yield from frames
-        return
-    full: Real | None = None
-    rows = int(plan.first[-1] + plan.offsets[-1]) + 1
-    for mean in accumulate(frames, plan):
-        if full is None:
-            full = np.zeros((rows, mean.shape[1]), mean.dtype)
-        full[plan.first] = mean
-        yield full
+
+    def __init__(self, plan: Tdi | None) -> None:
+        self._plan = plan
+        self._charge = None if plan is None else Charge(plan)
+        self._full: Real | None = None
+
+    def rows(self, run: GroundFit, frame: Real) -> Iterator[tuple[int, Real, Real, int]]:
+        """Take a frame; give the ground rows that the fit has completed with it."""
+        if self._plan is None or self._charge is None:
+            return run.add(frame)
+        mean = self._charge.add(frame)
+        if mean is None:
+            return iter(())
+        if self._full is None:
+            self._full = np.zeros((int(self._plan.first[-1] + self._plan.offsets[-1]) + 1, mean.shape[1]), mean.dtype)
+        self._full[self._plan.first] = mean
+        return run.add(self._full)
 
 
 class _Film:
@@ -187,25 +246,18 @@ class _Film:
         self.saturated = 0
         self._stills: list[Real] = []
 
-    def watched(self, frames: Iterable[Real], sink: Callable[[int, Real], None] | None) -> Iterator[Real]:
-        for k, one in enumerate(frames):
-            if sink is not None:
-                sink(k, one)
-            if len(self._stills) < len(self.wanted) and k == self.wanted[len(self._stills)]:
-                s = self.step
-                rows, columns = (size // s for size in one.shape)
-                self._stills.append(one[: rows * s, : columns * s].reshape(rows, s, columns, s).mean(axis=(1, 3)))
-            yield one
+    def recorded(self, frame: Real, saturated: int) -> Real:
+        """A frame as the detector gives it, its saturated pixels counted."""
+        self.saturated += saturated
+        return frame
+
+    def watch(self, k: int, frame: Real) -> None:
+        """Look at a frame."""
+        if len(self._stills) < len(self.wanted) and k == self.wanted[len(self._stills)]:
+            s = self.step
+            rows, columns = (size // s for size in frame.shape)
+            self._stills.append(frame[: rows * s, : columns * s].reshape(rows, s, columns, s).mean(axis=(1, 3)))
 
     def developed(self) -> tuple[Real, NDArray[np.int64], int]:
+        """The kept frames, their numbers, and the pixels along the side of one of theirs."""
         return np.array(self._stills), self.wanted, self.step
-
-
-def _recorded(frames: Iterable[Real], detector: Detector | None, seed: int, film: _Film) -> Iterator[Real]:
-    if detector is None:
-        yield from frames
-        return
-    for k, one in enumerate(frames):
-        noisy, saturated = detector.record(one, k, seed)
-        film.saturated += saturated
-        yield noisy

@@ -23,16 +23,16 @@ import numpy as np
 
 from cgi_wave.budget.scenes import band_scene
 from cgi_wave.budget.setting import filter_of
-from cgi_wave.frames import IMAGES, zone_on
 from cgi_wave.fringes import blur, smooth
 from cgi_wave.fringes.beams_on_scene import Beams
-from cgi_wave.fringes.field import FringeField, at_sigma
+from cgi_wave.fringes.field import FringeField
 from cgi_wave.fringes.field_file import load_field
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.nominal_image import NominalImage, nominal_image
 from cgi_wave.fringes.pattern import Layer, fringe_patterns
 from cgi_wave.fringes.preparation import prepare
 from cgi_wave.optics.system import load_instrument
+from cgi_wave.ready import IMAGES, nominal_phase, zone_on
 from cgi_wave.scene.atmosphere import column_mass, optical_depth, standard_atmosphere
 from cgi_wave.scene.oxygen import oxygen_a_band
 from cgi_wave.scene.plume import Plume, with_plume
@@ -79,9 +79,7 @@ def case_of(field: FringeField) -> Case:
     scene = with_plume(ground, PLUME, depth, column_mass(lines, air), seen_through, RANK)
     weights = seen_through.transmission(scene.sigma) * scene.shapes
     layers = fringe_patterns(field, scene.sigma, weights, dtype=np.float32)
-    at_y, at_x = field.to(field.y_pixels, field.x_pixels)
-    phase = 2.0 * np.pi * field.sigma0 * (at_y @ at_sigma(field.nominal, field.sigma0)[1] @ at_x)
-    return Case(field, zone_on(field, scene, phase), scene.maps, layers)
+    return Case(field, zone_on(field, scene, nominal_phase(field)), scene.maps, layers)
 
 
 def truth(case: Case, j: Array, i: Array) -> Array:

@@ -23,16 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.fields import fringe_field
-from cgi_wave.frames import Stopwatch, ready_for
 from cgi_wave.fringes.beams_on_scene import Beams
 from cgi_wave.fringes.field import FringeField, SceneView
 from cgi_wave.fringes.field_file import load_field, save_field
+from cgi_wave.fringes.imaging import Span
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.maps import GroundFit, Window, window
 from cgi_wave.fringes.pattern import Layer
 from cgi_wave.fringes.preparation import prepare
 from cgi_wave.fringes.scroll import give_back, motion, stream
 from cgi_wave.optics.system import load_instrument
+from cgi_wave.ready import Stopwatch, ready_for
 from cgi_wave.scrolling import scroll
 
 SIZE, PITCH, GHOSTS = 1024, 15e-6, 20
@@ -113,8 +114,8 @@ def stream_fraction(field: FringeField | None = None, repeats: int = 150, batch:
 def _real(field: FringeField) -> Beams:
     """The layers of a real field over the embedded scene, for as many frames as are timed."""
     loaded = load_instrument()
-    ready = ready_for(loaded, field, "landsat", REAL_FRAMES, True, "float32", lambda _: None, Stopwatch())
-    return ready.beams
+    span = Span(0.0, float(REAL_FRAMES))
+    return ready_for(loaded, field, "landsat", span, True, "float32", lambda _: None, Stopwatch()).at(span, False).beams
 
 
 def _turns(made: dict[str, tuple[Beams, float]], repeats: int, batch: int) -> dict[str, float]:

@@ -16,12 +16,13 @@ import numpy as np
 
 from cgi_wave import DEFAULT_TOLERANCE
 from cgi_wave.budget.scenes import band_scene
-from cgi_wave.frames import IMAGES, WIDEST_MARGIN, field_of
+from cgi_wave.frames import field_of
 from cgi_wave.fringes.field import FringeField
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.mutual_error import mutual_error
 from cgi_wave.fringes.nominal_image import nominal_image
 from cgi_wave.optics.system import OpticalSystem, load_instrument
+from cgi_wave.ready import IMAGES, WIDEST_MARGIN
 from cgi_wave.report.output import to_json
 
 SCENES = ("landsat", "quadrants", "uniform")

@@ -72,18 +72,24 @@ def correlate(maps: NDArray[np.floating], blur: Blur, kernel: Array | None, wrap
 
 
 def part(
-    maps: NDArray[np.floating], blur: Blur, kernel: Array, wrap: bool, rows: tuple[int, int], columns: tuple[int, int]
+    maps: NDArray[np.floating],
+    blur: Blur,
+    kernel: Array,
+    wrap: bool,
+    rows: tuple[int, int],
+    columns: tuple[int, int],
+    dtype: type | None = None,
 ) -> NDArray[np.floating]:
     """Rows and columns from the first up to the second number of what ``correlate`` gives for maps that go on for ever.
 
     Beyond a map its edge goes on; if it repeats along track (``wrap``), rows are its own, all of them. Costs what a map
-    of this size costs, and as much again as the kernel reaches.
+    of this size costs, and as much again as the kernel reaches. dtype : of the result, if not that of the maps.
     """
     height, width = maps.shape[-2:]
     tall, wide = kernel.shape[0] // 2, kernel.shape[1] // 2
     across = np.clip(np.arange(columns[0] - wide, columns[1] + wide), 0, width - 1)
     along = np.arange(height) if wrap else np.clip(np.arange(rows[0] - tall, rows[1] + tall), 0, height - 1)
-    patch = np.ascontiguousarray(maps[..., along[:, None], across[None, :]])
+    patch = np.ascontiguousarray(maps[..., along[:, None], across[None, :]], dtype=dtype)
     top = 0 if wrap else tall
     inside = (..., slice(top, len(along) - top), slice(wide, len(across) - wide))
     if blur.method != "fourier":
@@ -92,7 +98,7 @@ def part(
     out = np.empty_like(precise)
     for index in np.ndindex(patch.shape[:-2]):
         out[index] = _circular(precise[index], kernel, wrap)
-    return np.ascontiguousarray(out[inside], dtype=maps.dtype)
+    return np.ascontiguousarray(out[inside], dtype=dtype or maps.dtype)
 
 
 def _one(image: NDArray[np.floating], blur: Blur, kernel: Array, mode: str) -> NDArray[np.floating]:

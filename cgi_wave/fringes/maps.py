@@ -13,7 +13,7 @@ rates give some ground rows a row twice or not at all, and those get their own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -33,6 +33,7 @@ TERMS = 6
 #: Ground rows of which less than this share of the window was seen are left out; where all frames are one row apart,
 #: all that have not seen the whole of it.
 LEAST_SEEN = 0.75
+BLOCK = 256  # ground rows that ``albedo_contrast`` takes at a time
 
 
 @dataclass(frozen=True)
@@ -46,15 +47,24 @@ class Window:
     sine: Real
     fringes: int
 
+    def terms(self, row: int) -> Array:
+        """(6, X) the model's terms on one of the rows, by its number in the window."""
+        c, s = self.cosine[row].astype(np.float64), self.sine[row].astype(np.float64)
+        return np.stack([np.ones_like(c), np.full_like(c, self.u[row]), c, s, c * c - s * s, 2.0 * c * s])
+
     def model(self, times: NDArray[np.int64] | None = None) -> Array:
         """(X, 6, 6) normal matrices, each row counted ``times`` (J,)."""
         count = np.ones(len(self.rows)) if times is None else times.astype(np.float64)
         normal = np.zeros((self.cosine.shape[1], TERMS, TERMS))
         for j in np.flatnonzero(count):
-            c, s = self.cosine[j].astype(np.float64), self.sine[j].astype(np.float64)
-            term = np.stack([np.ones_like(c), np.full_like(c, self.u[j]), c, s, c * c - s * s, 2.0 * c * s], axis=1)
+            term = self.terms(int(j)).T
             normal += count[j] * term[:, :, None] * term[:, None, :]
         return normal
+
+    def inverse(self, normal: Array | None = None) -> Array:
+        """(X, 6, 6) inverse normal matrices (None: of all rows, once each); terms that rows cannot tell apart get 0."""
+        full = self.model() if normal is None else normal
+        return np.asarray(np.linalg.pinv(full, rcond=1e-12, hermitian=True))
 
 
 @dataclass(frozen=True)
@@ -137,9 +147,14 @@ class GroundFit:
         self._ring: Real = np.zeros((depth, TERMS, fit.cosine.shape[1]), dtype)
         self._next, self._frame = self._low, 0
         self._normal = fit.model()
-        self._full = np.asarray(np.linalg.pinv(self._normal, rcond=1e-12, hermitian=True))
+        self._full = fit.inverse(self._normal)
         self._least = len(fit.rows) if moves.regular else max(int(LEAST_SEEN * len(fit.rows)), TERMS + 1)
         self._times = np.zeros((depth, len(fit.rows)), np.int16)
+
+    @property
+    def most(self) -> int:
+        """Ground rows that may be completed."""
+        return self._high - self._low + 1
 
     def add(self, frame: Real) -> Iterator[tuple[int, Real, Real, int]]:
         """Take the next frame; give the ground rows it completed: (row, terms (6, X), error of the NMA (X,), seen)."""
@@ -168,7 +183,7 @@ class GroundFit:
         inverse: Array = self._full
         if not np.all(times == 1):  # few rows differ from the full window
             changed = self._normal + self.fit.model(times.astype(np.int64) - 1)
-            inverse = np.asarray(np.linalg.pinv(changed, rcond=1e-12, hermitian=True))
+            inverse = self.fit.inverse(changed)
         term = np.einsum("xab,bx->ax", inverse, right)
         own = self._ring.dtype  # what is kept of a long sequence is no finer than the sums
         if self.detector is None:
@@ -202,29 +217,45 @@ def retrieve_ground(
     """
     fit = window(phase, dtype, lit)
     run = GroundFit(fit, moves, first, detector, dtype)
-    done: list[tuple[int, Real, Real, int]] = []
+    maps = Maps(run.most, fit)
     for frame in frames:
-        done.extend(run.add(frame))
-    return collected(done, fit, len(moves.rows))
+        for row in run.add(frame):
+            maps.add(*row)
+    return maps.retrieved(len(moves.rows))
 
 
-def collected(done: Sequence[tuple[int, Real, Real, int]], fit: Window, frames: int) -> Retrieved:
-    """Maps of the ground rows that ``GroundFit.add`` gave over a sequence of so many frames.
+class Maps:
+    """Gathers the ground rows that ``GroundFit.add`` gives, at most so many: memory is taken as they come."""
 
-    Raises InputError when there is none.
-    """
-    if not done:
-        raise InputError("retrieval", "frames", frames, f"no ground point passes all of {len(fit.rows)} rows",
-                         f"take {len(fit.rows)} frames or more")  # fmt: skip
-    term = np.array([item[1] for item in done])
-    baseline, modulation = term[:, 0].copy(), np.hypot(term[:, 2], term[:, 3])  # not a view, which keeps all terms
-    lit = np.abs(baseline) > np.finfo(float).tiny
-    return Retrieved(
-        ground=np.array([item[0] for item in done]), baseline=baseline, modulation=modulation,
-        nma=np.divide(modulation, baseline, out=np.zeros_like(baseline), where=lit),
-        phase=np.arctan2(-term[:, 3], term[:, 2]), seen=np.array([item[3] for item in done]), window=len(fit.rows),
-        fringes=fit.fringes, nma_error=np.array([item[2] for item in done]),
-    )  # fmt: skip
+    def __init__(self, rows: int, fit: Window) -> None:
+        self._fit, self._count = fit, 0
+        self._ground, self._seen = np.zeros(rows, np.int64), np.zeros(rows, np.int64)
+        self._maps: Real = np.empty((4, rows, fit.cosine.shape[1]), fit.cosine.dtype)
+
+    def add(self, ground: int, term: Real, error: Real | float, seen: int) -> None:
+        """Take a ground row: its terms (6, X), the error of its NMA (X,), and how many rows saw it."""
+        k, maps = self._count, self._maps
+        self._ground[k], self._seen[k] = ground, seen
+        maps[0, k], maps[1, k] = term[0], np.hypot(term[2], term[3])
+        maps[2, k], maps[3, k] = np.arctan2(-term[3], term[2]), error
+        self._count += 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    def retrieved(self, frames: int) -> Retrieved:
+        """The maps. frames : of the sequence. Raises InputError when no ground row is complete."""
+        fit, some = self._fit, slice(0, self._count)
+        if not self._count:
+            raise InputError("retrieval", "frames", frames, f"no ground point passes all of {len(fit.rows)} rows",
+                             f"take {len(fit.rows)} frames or more")  # fmt: skip
+        baseline, modulation, phase, error = self._maps[:, some]
+        lit = np.abs(baseline) > np.finfo(float).tiny
+        return Retrieved(
+            ground=self._ground[some], baseline=baseline, modulation=modulation,
+            nma=np.divide(modulation, baseline, out=np.zeros_like(baseline), where=lit), phase=phase,
+            seen=self._seen[some], window=len(fit.rows), fringes=fit.fringes, nma_error=error,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -263,13 +294,19 @@ def nma_errors(nominal: Retrieved, with_ghosts: Retrieved, floor: float = 1e-3) 
                      float(np.percentile(np.abs(values), 95.0)), int((~lit).sum()))  # fmt: skip
 
 
-def albedo_contrast(baseline: Real, reach: int = 7) -> Array:
+def albedo_contrast(baseline: Real, reach: int = 7) -> Real:
     """(G, X) (own − mean around)/(own + mean around): negative on dark ground near bright. reach : size of the box."""
     from scipy.ndimage import uniform_filter
 
-    around = uniform_filter(np.asarray(baseline, dtype=np.float64), reach, mode="nearest")
-    total = baseline + around
-    return np.divide(baseline - around, total, out=np.zeros_like(total), where=total > 0.0)
+    out = np.zeros_like(baseline)
+    for first in range(0, len(baseline), BLOCK):  # all at once it would take five times as much memory as the maps
+        low, high = max(first - reach, 0), first + BLOCK + reach
+        own = np.asarray(baseline[low:high], dtype=np.float64)
+        around = uniform_filter(own, reach, mode="nearest")
+        total = own + around
+        value = np.divide(own - around, total, out=np.zeros_like(total), where=total > 0.0)
+        out[first : first + BLOCK] = value[first - low : first - low + BLOCK]
+    return out
 
 
 @dataclass(frozen=True)
@@ -285,7 +322,7 @@ class Relation:
     correlation: float
 
 
-def bias_by_contrast(error: Real, contrast: Array, bins: int = 12) -> Relation:
+def bias_by_contrast(error: Real, contrast: Real, bins: int = 12) -> Relation:
     """The NMA error by local albedo contrast, in bins of as many points each. Bins of one value are joined."""
     flat, value = contrast.ravel(), error.ravel()
     edges = np.unique(np.quantile(flat, np.linspace(0.0, 1.0, bins + 1)))

@@ -80,8 +80,8 @@ class NominalBlur:
         out: Real = np.zeros((self.weights.shape[1], len(maps), rows[1] - rows[0], len(self.column)), self.precision)
         for shape, how, weight in zip(self.shapes, self.how, self.weights, strict=True):
             for c, one in enumerate(maps):
-                part = blur.part(one[None], how, shape, self.tile, rows, (low, high))[0].astype(self.precision)
-                seen = _columns(part, self.column - low)
+                part = blur.part(one[None], how, shape, self.tile, rows, (low, high), self.precision)
+                seen = _columns(part[0], self.column - low)
                 for k, by_column in enumerate(weight):
                     out[k, c] += (by_column * seen).astype(self.precision)
         reach = float(maps[0].max()) - float(maps[0].min())
@@ -96,7 +96,7 @@ class NominalBlur:
         if not kernel.any():
             return 0.0
         how = blur.choose(kernel, 0.0, image.size)
-        return float(np.abs(blur.part(image, how, kernel, self.tile, rows, (0, image.shape[2]))).max())
+        return float(np.abs(blur.part(image, how, kernel, self.tile, rows, (0, image.shape[2]), np.float64)).max())
 
 
 def nominal_blur(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
 from cgi_wave.fringes.beams_on_scene import Beams
+from cgi_wave.fringes.imaging import Span
 
 Array = NDArray[np.float64]
 Real = NDArray[np.floating]
@@ -79,13 +80,43 @@ def stream(beams: Beams, moves: Motion, threads: int = THREADS) -> Iterator[Real
 
     Raises InputError, before the first frame, for a scene too short.
     """
-    for shift in (float(moves.rows.min()), float(moves.rows.max())):
-        beams.ready(shift)
-    give_back()
-    out: Real = np.empty(beams.zone.shape, beams.dtype)
+    for (frame,) in streams(lambda _: (beams,), moves, np.inf, threads):
+        yield frame
+
+
+def streams(
+    beams_of: Callable[[Span], Sequence[Beams]], moves: Motion, length: float, threads: int = THREADS
+) -> Iterator[tuple[Real, ...]]:  # fmt: skip
+    """Frames of several beams, side by side, as ``stream`` gives those of one; images are made as the scroll goes on.
+
+    beams_of : makes them for a part of the scroll, of ``length`` rows at most; those of the part before are let go
+    first. Raises what that raises, and InputError for a scene too short.
+    """
+    out: list[Real] = []
     with ThreadPoolExecutor(1) as pool:
-        for shift in moves.rows:
-            yield beams.frame(float(shift), out, pool if threads > 1 else None)
+        for frames, span in parts(moves, length):
+            made = list(beams_of(span))
+            for beams in made:
+                beams.ready(span.low)
+                beams.ready(span.high)
+            out = out or [np.empty(beams.zone.shape, beams.dtype) for beams in made]
+            give_back()
+            for shift in moves.rows[frames].tolist():
+                yield tuple(
+                    beams.frame(shift, one, pool if threads > 1 else None) for beams, one in zip(made, out, strict=True)
+                )
+            made.clear()
+
+
+def parts(moves: Motion, length: float) -> Iterator[tuple[slice, Span]]:
+    """A scroll in parts of consecutive frames, within ``length`` rows of each other: which frames, and their span."""
+    first, low, high = 0, moves.rows[0], moves.rows[0]
+    for k, at in enumerate(moves.rows):
+        if max(high, at) - min(low, at) > length:
+            yield slice(first, k), Span(float(low), float(high))
+            first, low, high = k, at, at
+        low, high = min(low, at), max(high, at)
+    yield slice(first, len(moves.rows)), Span(float(low), float(high))
 
 
 def give_back() -> None:

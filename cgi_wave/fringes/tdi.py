@@ -82,21 +82,36 @@ def plan_tdi(height: int, rows: int, rows_per_fringe: float, moves: Motion, repe
                np.asarray(first + 0.5 * (rows - 1)))  # fmt: skip
 
 
-def accumulate(frames: Iterable[Real], plan: Tdi) -> Iterator[Real]:
-    """(G, X) per frame: means over the added rows, each of the same ground, from frame ``plan.offsets[-1]`` on.
+class Charge:
+    """Adds rows of following frames, each of the same ground."""
 
-    Output row i of the n-th one belongs to the ground on pixel row first[i] in frame offsets[-1] + n.
-    """
-    depth = int(plan.offsets[-1]) + 1
-    charge: Real | None = None
-    for k, frame in enumerate(frames):
-        if charge is None:
-            charge = np.zeros((depth, len(plan.first), frame.shape[1]), frame.dtype)
+    def __init__(self, plan: Tdi) -> None:
+        self._plan, self._depth, self._frame = plan, int(plan.offsets[-1]) + 1, 0
+        self._held: Real | None = None
+
+    def add(self, frame: Real) -> Real | None:
+        """Take a frame; give the means (G, X) over the added rows, from frame ``plan.offsets[-1]`` on.
+
+        Row i of the n-th one belongs to the ground on pixel row first[i] in frame offsets[-1] + n.
+        """
+        plan, k, depth = self._plan, self._frame, self._depth
+        if self._held is None:
+            self._held = np.zeros((depth, len(plan.first), frame.shape[1]), frame.dtype)
         for offset in plan.offsets[::-1]:
-            charge[(k + offset) % depth] += frame[plan.first + offset]
-        if k >= depth - 1:
-            yield charge[k % depth] / frame.dtype.type(plan.gain)
-        charge[k % depth] = 0.0
+            self._held[(k + offset) % depth] += frame[plan.first + offset]
+        full = self._held[k % depth] / frame.dtype.type(plan.gain)
+        self._held[k % depth] = 0.0
+        self._frame += 1
+        return full if k >= depth - 1 else None
+
+
+def accumulate(frames: Iterable[Real], plan: Tdi) -> Iterator[Real]:
+    """(G, X) per frame, from frame ``plan.offsets[-1]`` on: see ``Charge.add``."""
+    charge = Charge(plan)
+    for frame in frames:
+        full = charge.add(frame)
+        if full is not None:
+            yield full
 
 
 def _smear(moves: Motion, reach: int) -> float:

@@ -1,4 +1,4 @@
-"""The ways a layer goes into frames, sharp or smooth: what is kept of it, and what is made of it for a part of a scroll.
+"""The ways a layer goes into frames, sharp or smooth: what is kept, and what is made of it for a part of a scroll.
 
 ``preparation`` chooses them, ``imaging`` has the images. Whatever a way measures on the scene it measures anew for
 every part of a scroll.

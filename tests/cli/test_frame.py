@@ -18,6 +18,7 @@ from cgi_wave.budget import scenes
 from cgi_wave.budget.setting import band_spectrum
 from cgi_wave.cli.main import status
 from cgi_wave.fringes.field_file import load_field, save_field
+from cgi_wave.fringes.imaging import Span
 from cgi_wave.optics.system import load_instrument
 
 
@@ -182,9 +183,10 @@ def test_parts_of_a_point_are_those_of_its_frames(call, tmp_path):
     parts = cgi_wave.point_parts(found.ready, found.moves, ground, 11)
     for j, nominal, ghosts in zip(parts.rows, parts.nominal, parts.parasitic, strict=True):
         shift = float(ground - round(found.ready.zone.row) - j)
-        bare = found.ready.nominal_beams.frame(shift)[j, 11]
+        images = found.ready.at(Span(shift, shift))
+        bare = images.nominal_beams.frame(shift)[j, 11]
         assert nominal == pytest.approx(bare, abs=1e-6)
-        assert ghosts == pytest.approx(found.ready.beams.frame(shift)[j, 11] - bare, abs=3e-6)
+        assert ghosts == pytest.approx(images.beams.frame(shift)[j, 11] - bare, abs=3e-6)
     assert set(parts.parts) == {"flipped", "onto itself"}
     np.testing.assert_allclose(sum(parts.parts.values()) + parts.rest, parts.parasitic, atol=1e-12)
     assert np.abs(parts.rest).max() < 2e-6  # no pair joins the two families
