@@ -145,6 +145,7 @@ def field_of(
         zone, _ = zone_of(system, zone_rows_lit(loaded, system)[0])
         place_scene(system, zone, scene, reach)
     traced = fringe_field(band, instrument, tolerance, progress=progress).field
-    if field is not None:
-        save_field(traced, field, made)
-    return traced
+    if field is None:
+        return traced
+    save_field(traced, field, made)
+    return load_field(field)  # its kernels stay in the file

@@ -235,7 +235,7 @@ def _margin(field: FringeField, ghosts: bool) -> int:
     most = 0.0 if field.psf is None else 0.5 * max(field.psf.kernel.shape[2:])
     for view in field.views if ghosts else ():
         low, high = (pick(corners @ view.affine.T, axis=0) / field.pixel_m for pick in (np.min, np.max))
-        half = np.array(view.kernel.shape[::-1]) // 2
+        half = np.array(view.shape[::-1]) // 2
         beyond = [np.array([x0, y0]) / field.pixel_m - low + half, high + half - np.array([x1, y1]) / field.pixel_m]
         most = max(most, float(np.max(beyond)))
     return min(int(np.ceil(most)), WIDEST_MARGIN)

@@ -156,8 +156,8 @@ def scroll(
     relation = None if flat else bias_by_contrast(found.error, contrast)
     return Scrolled(
         band, ready.zone.x_m, np.asarray(y), ready.scene.ground_pixel_m, maps[0], maps[1], found, contrast, relation,
-        moves, total, per_fringe, plan, film.saturated, *film.developed(), sum(images.errors.values()), images.errors, images.plans,
-        ready.scene.source, loaded.name, loaded.hash, ready, watch.seconds,
+        moves, total, per_fringe, plan, film.saturated, *film.developed(), sum(images.errors.values()), images.errors,
+        images.plans, ready.scene.source, loaded.name, loaded.hash, ready, watch.seconds,
     )  # fmt: skip
 
 

@@ -100,7 +100,7 @@ def truth(case: Case, j: Array, i: Array) -> Array:
         row = zone.row + (place[1] - zone.y_m[0]) / zone.pitch
         seen: Array = maps
         taps = 2  # ground made of uniform cells
-        if layer.view is not None and layer.view.kernel.size > 1:
+        if layer.view is not None and layer.view.blurs:
             kernel = layer.view.kernel.astype(np.float64)
             first, last = (np.array([int(pick(row)), int(pick(column))]) for pick in (np.min, np.max))
             first, last = first - 4, last + 5
@@ -153,7 +153,7 @@ def study(field: FringeField, seed: int = 1) -> dict[str, Any]:
     for count in GHOSTS:
         if count < len(case.layers) - 1:
             point("ghosts", str(count), [case.layers[0], *(case.layers[k] for k in sorted(order[:count]))], modes)
-    sharp = [layer if layer.view is None else replace(layer, view=replace(layer.view, kernel=np.ones((1, 1))))
+    sharp = [layer if layer.view is None else replace(layer, view=replace(layer.view, stored=np.ones((1, 1))))
              for layer in case.layers]  # fmt: skip
     point("kernels", "none", sharp, modes)
     return {

@@ -23,18 +23,19 @@ Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 #: Samples along the side of a cell, tried in this order.
 STEPS = (16, 8, 4, 2)
+EPSILON = 6e-8  # of the cells' means
 
 
 @dataclass(frozen=True)
 class Cells:
     """A scene (C, H, W) by cells, those beyond its edges, where the edge goes on, in a ring one cell wide.
 
-    means (C, I + 2, J + 2), unrest (C, I + 2, J + 2) : Σ(m − m̄)² of each cell
+    means, unrest (C, I + 2, J + 2), single : Σ(m − m̄)² is the second of them
     """
 
     step: int
-    means: Array
-    unrest: Array
+    means: Real
+    unrest: Real
 
 
 def cells(maps: Real, step: int) -> Cells:
@@ -44,12 +45,12 @@ def cells(maps: Real, step: int) -> Cells:
     along = np.clip(np.arange(-step, rows + after[0]), 0, rows - 1)
     across = np.clip(np.arange(-step, columns + after[1]), 0, columns - 1)
     shape = (len(maps), len(along) // step, len(across) // step)
-    means, unrest = np.empty(shape), np.empty(shape)
+    means, unrest = np.empty(shape, np.float32), np.empty(shape, np.float32)
     for number in range(shape[1]):  # one row of cells after the other: the scene is not copied
         band = maps[:, along[number * step : (number + 1) * step]][..., across].astype(np.float64)
         split = band.reshape(len(maps), step, shape[2], step)
-        means[:, number] = split.mean(axis=(1, 3))
-        unrest[:, number] = ((split - means[:, number, None, :, None]) ** 2).sum(axis=(1, 3))
+        mean = split.mean(axis=(1, 3))
+        means[:, number], unrest[:, number] = mean, ((split - mean[:, None, :, None]) ** 2).sum(axis=(1, 3))
     return Cells(step, means, unrest)
 
 
@@ -68,14 +69,15 @@ class Coarse:
         return blur.choose(self.weights, 0.0, self.weights.size)
 
     def error(self, scene: Cells) -> Array:
-        """(C,) bound of |image − truth| in the middles of cells, in units of each mode's map."""
+        """(C,) bound of |image − truth| in the middles of cells, in units of each mode's map; rounding included."""
         from scipy.ndimage import uniform_filter
 
         window = [n // self.step + 2 for n in self.size]
         most = [
             float(uniform_filter(one, window, mode="nearest").max()) * window[0] * window[1] for one in scene.unrest
         ]
-        return self.grain * np.sqrt(np.maximum(most, 0.0))
+        rounding = EPSILON * np.abs(scene.means).max(axis=(1, 2))
+        return np.asarray(self.grain * np.sqrt(np.maximum(most, 0.0)) + rounding)
 
     def image(self, scene: Cells, rows: tuple[int, int], columns: tuple[int, int]) -> Array:
         """(C, I, J) the blurred scene in the middles of cells rows[0] … rows[1] − 1 and likewise across.
@@ -83,7 +85,7 @@ class Coarse:
         The middle of cell I is sample I·step + step // 2.
         """
         rows, columns = (rows[0] + 1, rows[1] + 1), (columns[0] + 1, columns[1] + 1)  # beyond the ring
-        return np.asarray(blur.part(scene.means, self.how, self.weights, False, rows, columns), np.float64)
+        return np.asarray(blur.part(scene.means, self.how, self.weights, False, rows, columns, np.float64))
 
 
 def coarse(kernel: Real, step: int) -> Coarse:

@@ -9,6 +9,7 @@ Coordinates: x across track, y along track (the OPD axis), m, on the detector, f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,20 +76,47 @@ class Shadow:
         return np.asarray(1.0 - 2.0 * (np.arccos(d) - d * np.sqrt(1.0 - d * d)) / np.pi)
 
 
+class StoredKernel(Protocol):
+    """A kernel that stays in a file until it is wanted: families by the hundred hold more than all the rest."""
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+    def read(self) -> NDArray[np.floating]:
+        """Its values."""
+        ...
+
+
 @dataclass(frozen=True)
 class SceneView:
     """How one family of ghosts sees the scene: source directions as the places where the nominal beam images them.
 
     family : number of the family; affine (2, 3): mean place (X, Y) = affine @ (x, y, 1) of the light on detector point
     (x, y), m; kernel (H, W): how that light is spread about its mean, at the detector's pixel pitch, [Y, X], both sizes
-    odd, sum 1 (1 × 1: within a pixel); misfit_m : largest distance of a node's mean place from the affine map
+    odd, sum 1 (1 × 1: within a pixel), ``stored`` as an array or in a file, from where it is read each time; misfit_m :
+    largest distance of a node's mean place from the affine map
     """
 
     family: int
     name: str
     affine: Array
-    kernel: NDArray[np.floating]
+    stored: NDArray[np.floating] | StoredKernel
     misfit_m: float
+
+    @property
+    def kernel(self) -> NDArray[np.floating]:
+        """(H, W)."""
+        return self.stored if isinstance(self.stored, np.ndarray) else self.stored.read()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """H and W."""
+        height, width = self.stored.shape
+        return height, width
+
+    @property
+    def blurs(self) -> bool:
+        """Whether light is spread beyond a pixel."""
+        return self.shape != (1, 1)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -71,8 +72,8 @@ def save_field(field: FringeField, path: str | Path, made: Mapping[str, str | fl
             "view_name": ("view", np.array([v.name for v in seen], dtype=object)),
             "view_affine": (("view", "row", "term"), np.array([v.affine for v in seen])),
             "view_misfit": ("view", np.array([v.misfit_m for v in seen]), {"units": "m"}),
-            "view_size": (("view", "row"), np.array([v.kernel.shape for v in seen])),
-            "kernel": ("element", np.concatenate([v.kernel.ravel() for v in seen]), {"units": "1"}),
+            "view_size": (("view", "row"), np.array([v.shape for v in seen])),
+            "kernel": ("element", _joined([v.kernel for v in seen]), {"units": "1"}),
         }
     if dead:
         variables |= {
@@ -123,7 +124,8 @@ def load_field(path: str | Path, expected: Mapping[str, str | float] | None = No
 
     path = Path(path)
     try:
-        with xarray.open_dataset(path, engine="h5netcdf") as opened:
+        stamp = _stamp(path)
+        with xarray.open_dataset(path, engine="h5netcdf", drop_variables=["kernel"]) as opened:
             data = opened.load()
     except (OSError, ValueError) as error:
         raise InputError(str(path), "file", path.name, f"cannot be read ({error})", "name a NetCDF file") from None
@@ -146,8 +148,8 @@ def load_field(path: str | Path, expected: Mapping[str, str | float] | None = No
             Shadow(int(arm), float(y), float(width))
             for arm, y, width in zip(*(get.get(f"shadow_{n}", ()) for n in ("arm", "y", "half_width")), strict=True)
         ),
-        views=_views(get), left_out=float(attrs["left_out"]), left_out_baseline=float(attrs["left_out_baseline"]),
-        psf=_psf(get),
+        views=_views(get, path, stamp), left_out=float(attrs["left_out"]),
+        left_out_baseline=float(attrs["left_out_baseline"]), psf=_psf(get),
     )  # fmt: skip
 
 
@@ -187,14 +189,52 @@ def _mutual(get: Mapping[str, NDArray[Any]]) -> dict[int, MutualKernel]:
     return found
 
 
-def _views(get: Mapping[str, NDArray[Any]]) -> tuple[SceneView, ...]:
+def _views(get: Mapping[str, NDArray[Any]], path: Path, stamp: tuple[int, int]) -> tuple[SceneView, ...]:
     found, start = [], 0
-    every = get.get("kernel", np.empty(0))
-    single = every.astype(np.float32)
-    every = single if np.array_equal(single, every) else every  # half of the memory of a field, where nothing is lost
     for k, (height, width) in enumerate(get.get("view_size", np.empty((0, 2), np.int64)).tolist()):
-        kernel = every[start : start + height * width].reshape(height, width)
+        stored = KernelOnFile(path, stamp, start, (height, width))
         start += height * width
-        found.append(SceneView(int(get["view_family"][k]), str(get["view_name"][k]), get["view_affine"][k], kernel,
+        found.append(SceneView(int(get["view_family"][k]), str(get["view_name"][k]), get["view_affine"][k], stored,
                                float(get["view_misfit"][k])))  # fmt: skip
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class KernelOnFile:
+    """A kernel of a field's file, behind ``start`` numbers of others. stamp : of the file when the field was read."""
+
+    path: Path
+    stamp: tuple[int, int]
+    start: int
+    shape: tuple[int, int]
+
+    def read(self) -> NDArray[np.floating]:
+        """(H, W). Raises InputError if the file is gone, or is not the one that the field was read from."""
+        import h5netcdf
+
+        height, width = self.shape
+        try:
+            if _stamp(self.path) != self.stamp:
+                raise InputError(str(self.path), "file", self.path.name, "has changed since the field was read",
+                                 "read the field again")  # fmt: skip
+            with h5netcdf.File(self.path, "r") as file:
+                values = file.variables["kernel"][self.start : self.start + height * width]
+        except OSError as error:
+            raise InputError(str(self.path), "file", self.path.name, f"cannot be read any more ({error})",
+                             "keep it as long as its field is in use") from None  # fmt: skip
+        single = np.asarray(values, np.float32)  # half of the memory, where nothing is lost
+        kept: NDArray[np.floating] = single if np.array_equal(single, values) else np.asarray(values)
+        return kept.reshape(height, width)
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    """What changes with a file: time of its last change, ns, and size."""
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size
+
+
+def _joined(kernels: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:
+    """All numbers one behind the other, single ones where nothing is lost by that."""
+    single = [kernel.astype(np.float32) for kernel in kernels]
+    lossless = all(np.array_equal(one, kernel) for one, kernel in zip(single, kernels, strict=True))
+    return np.concatenate([kernel.ravel() for kernel in (single if lossless else kernels)])

@@ -6,7 +6,8 @@ images of one. They are made of the whole scene, so that none of them knows wher
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ def whole(height: int, zone: Zone) -> Span:
 class Ground:
     """A scene (C, H, W) as layers look at it: its samples, its cells, and where it ends. tile: along track it repeats.
 
-    largest (C,): |value| of each map
+    largest (C,): |value| of each map; scale: of all
     """
 
     def __init__(self, maps: Real, tile: bool) -> None:
@@ -63,12 +64,17 @@ class Ground:
             self._cells[step] = cells(self.maps, step)
         return self._cells[step]
 
+    def keep(self, steps: Collection[int]) -> None:
+        """Let go of cells of other sizes, and of what only bounds of errors need."""
+        self._cells = {
+            step: replace(one, unrest=one.unrest[:, :0].copy()) for step, one in self._cells.items() if step in steps
+        }
+
 
 @dataclass(frozen=True)
 class Seen:
     """A part of the scene as a layer sees it. image (C, h, w); row, column : of the scene, of its first sample; step :
-    samples of the scene from one of its own to the next; reading : error of reading it between them, (C,) in its units
-    """
+    samples of the scene from one of its own to the next"""
 
     image: Real
     row: float

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 #: Part of what interpolation between the nodes errs by, up to which kernels are made of fewer ones.
 FEWER = 0.1
+#: Rows that are convolved at a time.
+STRIP = 128
 
 
 @dataclass(frozen=True)
@@ -76,16 +78,21 @@ class NominalBlur:
         height, width = maps.shape[1:]
         rows = (0, height) if rows is None or self.tile else (max(rows[0], 0), min(rows[1], height))
         low, high = int(np.floor(self.column.min())) - 2, int(np.ceil(self.column.max())) + 3
-        low, high = max(low, 0), min(high, width)
+        columns = max(low, 0), min(high, width)
         out: Real = np.zeros((self.weights.shape[1], len(maps), rows[1] - rows[0], len(self.column)), self.precision)
-        for shape, how, weight in zip(self.shapes, self.how, self.weights, strict=True):
-            for c, one in enumerate(maps):
-                part = blur.part(one[None], how, shape, self.tile, rows, (low, high), self.precision)
-                seen = _columns(part[0], self.column - low)
-                for k, by_column in enumerate(weight):
-                    out[k, c] += (by_column * seen).astype(self.precision)
+        measured = 0.0
+        # Strip by strip: a transform of all rows would take several times what the image takes.
+        for start in range(*rows, rows[1] - rows[0] if self.tile else STRIP):
+            strip = start, min(start + STRIP, rows[1]) if not self.tile else rows[1]
+            image = out[:, :, strip[0] - rows[0] : strip[1] - rows[0]]
+            for shape, how, weight in zip(self.shapes, self.how, self.weights, strict=True):
+                for c, one in enumerate(maps):
+                    part = blur.part(one[None], how, shape, self.tile, strip, columns, self.precision)
+                    seen = _columns(part[0], self.column - columns[0])
+                    for k, by_column in enumerate(weight.astype(self.precision)):
+                        image[k, c] += by_column * seen
+            measured = max([measured, *(self._largest(maps[:1], one, strip) for one in self.misfit)])
         reach = float(maps[0].max()) - float(maps[0].min())
-        measured = max((self._largest(maps[:1], one, rows) for one in self.misfit), default=0.0)
         return NominalImage(
             out, self.along, " and ".join(sorted({how.method for how in self.how})), len(self.shapes), self.error,
             measured + 0.5 * self.lost * reach, self.outside * reach, 0.5 * self.arms * reach, rows[0],

@@ -300,7 +300,7 @@ def _layer_of(zone: FringeField, pair: FieldPair) -> int:
     one, other = int(zone.family[pair.m]), int(zone.family[pair.l])
     if 0 in (one, other) or one == other:
         return min(one, other)
-    size = {view.family: view.kernel.size for view in zone.views}
+    size = {view.family: view.shape[0] * view.shape[1] for view in zone.views}
     return min((one, other), key=lambda family: size[family])
 
 
@@ -309,7 +309,7 @@ def _onto_itself(zone: FringeField, view: SceneView) -> bool:
     x0, x1, y0, y1 = zone.zone
     corners = np.array([(x, y, 1.0) for x in (x0, x1) for y in (y0, y1)])
     apart = np.abs(corners @ view.affine.T - corners[:, :2]).max() + view.misfit_m
-    return view.kernel.size == 1 and bool(apart < SAME_IMAGE * zone.pixel_m)
+    return not view.blurs and bool(apart < SAME_IMAGE * zone.pixel_m)
 
 
 def _to_pixels(zone: FringeField, sums: _Sums) -> Array:

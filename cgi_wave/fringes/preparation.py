@@ -7,7 +7,7 @@ both at once, for all of a scene.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from cgi_wave.errors import InputError
 from cgi_wave.fringes import blur, smooth
 from cgi_wave.fringes.beams_on_scene import WHOLE, Beams, LayerPlan, Sharp, Warped
 from cgi_wave.fringes.cells import STEPS, coarse
-from cgi_wave.fringes.imaging import Ground, Seen, Span, turning, whole
+from cgi_wave.fringes.imaging import Ground, Seen, Span, looked_at, turning, whole
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.nominal_image import NominalImage
 from cgi_wave.fringes.pattern import Layer
@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 Interpolation = Literal["area", "cubic"]
 Precision = Literal["float32", "float64"]
+#: Part of what blurs may err by that cells may; the rest is for reading between their middles. Cells across a kernel.
+CELLS, FEWEST = 0.8, 4
 
 
 class Choice:
@@ -127,9 +129,13 @@ def choose(
     ground = Ground(np.ascontiguousarray(maps, dtype=dtype), tile)
     span = whole(ground.height, zone) if span is None else span
     budget = tolerance * ground.scale
-    views = [_view(layer, ground, 0.5 * budget / len(layers), precision == "float32") for layer in layers]
-    grids = _Grids(layers, views, ground, zone, span, 0.5 * budget, dtype)
-    taken, placed = grids.best()
+    blurs = [
+        _Blurs.of(layer, ground, zone, span, 0.5 * budget / len(layers), precision == "float32") for layer in layers
+    ]
+    views = [one.view for one in blurs]
+    steps = _steps(blurs, zone, 0.5 * budget)
+    taken, placed = _Grids(layers, views, steps, ground, zone, span, 0.5 * budget, dtype).best()
+    ground.keep({way.view.by_cells.step for way in taken.values() if way.view.by_cells is not None})
     share = 0.5 * budget / (len(layers) - len(taken))
     ways: list[SharpWay | SmoothWay] = []
     for number, (layer, view) in enumerate(zip(layers, views, strict=True)):
@@ -175,15 +181,66 @@ def prepare(
     ).beams(nominal=nominal)  # fmt: skip
 
 
-def _view(layer: Layer, ground: Ground, allowed: float, single: bool) -> View:
-    """How the layer's blur is done sample by sample: its error within ``allowed``."""
-    strength = np.abs(layer.pattern).max(axis=(1, 2)).astype(np.float64)
-    affine = IDENTITY if layer.view is None else layer.view.affine
-    kernel = layer.view.kernel if layer.view is not None and layer.view.kernel.size > 1 else None
-    largest = float(strength @ ground.largest) or 1.0
-    exact = None if kernel is None else kernel.astype(np.float64)
-    how = blur.choose(exact, allowed / largest, ground.samples, single)
-    return View(layer.name, affine, strength, how, kernel, None, how.error * largest)
+@dataclass(frozen=True)
+class _Blurs:
+    """A layer's blur sample by sample, and errors of blurs by cells, relative irradiance; what each takes, in units of
+    time and memory, by the size of cells (1: samples)."""
+
+    view: View
+    error: dict[int, float]
+    cost: dict[int, float]
+
+    @classmethod
+    def of(cls, layer: Layer, ground: Ground, zone: Zone, span: Span, allowed: float, single: bool) -> _Blurs:
+        """All that can be told without an image. allowed : error of a blur sample by sample.
+
+        Raises InputError for a kernel whose sum is not 1.
+        """
+        strength = np.abs(layer.pattern).max(axis=(1, 2)).astype(np.float64)
+        largest = float(strength @ ground.largest) or 1.0
+        if layer.view is None or not layer.view.blurs:
+            affine = IDENTITY if layer.view is None else layer.view.affine
+            return cls(View(layer.name, affine, strength, layer.view, blur.choose(None, 0.0, 0), None, 0.0), {}, {})
+        kernel = layer.view.kernel
+        total = float(kernel.sum(dtype=np.float64))
+        if abs(total - 1.0) > 1e-6:
+            raise InputError("frames", f"layer {layer.name}.kernel", total, "must add up to 1",
+                             "divide it by its sum; power belongs to the pattern")  # fmt: skip
+        how = blur.choose(kernel.astype(np.float64), allowed / largest, ground.samples, single)
+        view = View(layer.name, layer.view.affine, strength, layer.view, how, None, how.error * largest)
+        error, cost = {1: view.error}, {}
+        for step in STEPS if not ground.tile else ():
+            if FEWEST * step <= min(kernel.shape):
+                error[step] = float(strength @ coarse(kernel, step).error(ground.cells(step)))
+        looked = looked_at(view.affine, zone, span)
+        area = float(np.prod([last - first + size for (first, last), size in zip(looked, kernel.shape, strict=True)]))
+        cost = {step: area / step**2 for step in error}
+        return cls(view, error, cost)
+
+
+def _steps(blurs: Sequence[_Blurs], zone: Zone, budget: float) -> list[int]:
+    """The size of cells for every layer: the largest ones, made smaller where that gains most error for its price,
+    until what is left of the errors, together, is within CELLS of the budget."""
+    steps = [max(one.error, default=1) for one in blurs]
+    if min(zone.shape) < 4:
+        return [1] * len(blurs)
+    total = sum(one.error[step] for one, step in zip(blurs, steps, strict=True) if one.error)
+
+    def gain(number: int) -> float:
+        one, step = blurs[number], steps[number]
+        finer = max((other for other in one.error if other < step), default=0)
+        if not finer:
+            return -np.inf
+        return (one.error[step] - one.error[finer]) / (one.cost[finer] - one.cost[step])
+
+    while total > CELLS * budget:
+        number = max(range(len(blurs)), key=gain)
+        if gain(number) == -np.inf:
+            break
+        one, step = blurs[number], steps[number]
+        steps[number] = max(other for other in one.error if other < step)
+        total += one.error[steps[number]] - one.error[step]
+    return steps
 
 
 def _turns(view: View) -> bool:
@@ -199,8 +256,8 @@ class _Grids:
     """The grids of nodes, and which layers each could take."""
 
     def __init__(
-        self, layers: Sequence[Layer], views: Sequence[View], ground: Ground, zone: Zone, span: Span, budget: float,
-        dtype: type,
+        self, layers: Sequence[Layer], views: Sequence[View], steps: Sequence[int], ground: Ground, zone: Zone,
+        span: Span, budget: float, dtype: type,
     ) -> None:  # fmt: skip
         self.ground, self.zone, self.span, self.budget, self.dtype = ground, zone, span, budget, dtype
         self.grids = [smooth.grid(zone.shape, pitch, dtype) for pitch in sorted(smooth.PITCHES)
@@ -213,18 +270,14 @@ class _Grids:
             if number and layer.view is not None and view.how.method != "nothing"
             and min(*zone.shape, *ground.maps.shape[1:]) >= 4
         ]  # fmt: skip
-        able.sort(key=lambda number: float(views[number].strength @ ground.largest))
-        left = budget  # of the errors of blurs: what weak layers leave is for the strong ones
         envelopes = smooth.Envelopes(zone) if able and self.grids else None
-        for place, number in enumerate(able if envelopes is not None else ()):
+        for number in able if envelopes is not None else ():
             assert envelopes is not None
-            share = left / (len(able) - place)
             fits = [envelopes.fit(part, 0.5 * budget / len(layers) / ground.scale) for part in layers[number].pattern]
             terms = [fit for fit in fits if fit is not None]
             if len(terms) == len(fits):
-                view, part = self._seen(views[number], share)
+                view, part = self._seen(views[number], steps[number], (1.0 - CELLS) * budget / len(able))
                 self.found[number] = self._tried(layers[number], terms, envelopes, view, part)
-                left -= view.error
 
     def best(self) -> tuple[dict[int, SmoothWay], dict[int, Placed]]:
         """As many layers as go onto one grid with their errors together within the budget: the coarsest of those that
@@ -242,20 +295,17 @@ class _Grids:
             number: one for number, (_, one) in chosen.items()
         }
 
-    def _seen(self, view: View, allowed: float) -> tuple[View, Seen]:
-        """The layer's image by the widest cells that keep ``allowed``; by samples if none do."""
-        assert view.kernel is not None
-        for step in STEPS if not self.ground.tile else ():
-            if step * 4 > min(view.kernel.shape):
-                continue
-            kernel = coarse(view.kernel, step)
+    def _seen(self, view: View, step: int, allowed: float) -> tuple[View, Seen]:
+        """The layer's image by cells of ``step``, or smaller ones if reading between them errs by more than allowed."""
+        assert view.of is not None
+        while step > 1:
+            kernel = coarse(view.of.kernel, step)
             error = float(view.strength @ kernel.error(self.ground.cells(step)))
-            if error > allowed:
-                continue
-            by_cells = replace(view, kernel=None, by_cells=kernel, error=error)
+            by_cells = replace(view, by_cells=kernel, error=error)
             part = by_cells.seen(self.ground, self.zone, self.span, self.dtype)
-            if error + float(view.strength @ part.reading(4)) <= allowed:
+            if float(view.strength @ part.reading(4)) <= allowed:
                 return by_cells, part
+            step //= 2
         return view, view.seen(self.ground, self.zone, self.span, self.dtype)
 
     def _tried(
@@ -278,7 +328,7 @@ class _Grids:
             )
             least = 1e-4 * self.budget / len(envelope)
             if np.abs(envelope[:, 1:]).sum(axis=1, initial=0.0).max() * self.ground.scale < least:
-                envelope = envelope[:, :1]
+                envelope = envelope[:, :1].copy()
             flat = flatness(envelope, uniform, self.zone, where, turn, self.dtype)
             way = SmoothWay(view, where, envelope, flat, samples)
             placed = way.placed(part, self.ground, self.zone, turn, expected, self.dtype)
@@ -302,9 +352,6 @@ def _check(layers: Sequence[Layer], maps: Real, zone: Zone) -> None:
                    "synthesise it for this zone and these spectral modes")  # fmt: skip
         if not np.all(np.isfinite(layer.pattern)):
             refuse(f"layer {layer.name}.pattern", "NaN or infinity", "must be finite", "synthesise it again")
-        if layer.view is not None and abs(float(layer.view.kernel.sum(dtype=np.float64)) - 1.0) > 1e-6:
-            refuse(f"layer {layer.name}.kernel", float(layer.view.kernel.sum(dtype=np.float64)), "must add up to 1",
-                   "divide it by its sum; power belongs to the pattern")  # fmt: skip
     left = int(np.ceil(max(-zone.column, 0.0) - WHOLE))
     right = int(np.ceil(max(zone.column + zone.shape[1] - maps.shape[2], 0.0) - WHOLE))
     if left + right:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cgi_wave.fringes import blur, smooth
 from cgi_wave.fringes.beams_on_scene import Beams, LayerPlan, Sharp, Smooth, Warped
 from cgi_wave.fringes.cells import Coarse
+from cgi_wave.fringes.field import SceneView
 from cgi_wave.fringes.imaging import Ground, Seen, Span, on_columns, seen, seen_by_cells, turning
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.kernels import frames as kernels
@@ -29,14 +30,14 @@ IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 @dataclass(frozen=True)
 class View:
-    """What of the scene a layer sees. strength (C,) : largest |pattern| of each mode; kernel : None where ``how`` needs
-    none, or ``by_cells`` stands instead; error : of the blur, relative irradiance"""
+    """What of the scene a layer sees. strength (C,) : largest |pattern| of each mode; of : the ghosts, None where the
+    scene is seen as it is; how : of the blur, sample by sample, or by_cells; error : of it, relative irradiance"""
 
     name: str
     affine: Array
     strength: Array
+    of: SceneView | None
     how: blur.Blur
-    kernel: Real | None
     by_cells: Coarse | None
     error: float
 
@@ -44,7 +45,8 @@ class View:
         """The scene through the layer's blur."""
         if self.by_cells is not None:
             return seen_by_cells(ground, self.by_cells, self.affine, zone, span, dtype)
-        return seen(ground, self.how, self.kernel, self.affine, zone, span)
+        kernel = None if self.of is None or self.how.method == "nothing" else self.of.kernel
+        return seen(ground, self.how, kernel, self.affine, zone, span)
 
     @property
     def blur(self) -> str:
