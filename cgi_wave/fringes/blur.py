@@ -28,6 +28,8 @@ Method = Literal["nothing", "box", "separable", "direct", "fourier"]
 COST_BOX, COST_LINE, COST_TAP, COST_FOURIER = 8.0, 1.2, 1.6, 8.0
 #: Taps of a kernel up to which it is applied directly: SciPy's tables take the square of their number.
 MOST_TAPS = 1500
+#: Rows of a map that ``part`` takes at a time, or as many as a kernel reaches four times over.
+STRIP = 256
 THREADS = 2
 
 
@@ -88,17 +90,23 @@ def part(
     height, width = maps.shape[-2:]
     tall, wide = kernel.shape[0] // 2, kernel.shape[1] // 2
     across = np.clip(np.arange(columns[0] - wide, columns[1] + wide), 0, width - 1)
-    along = np.arange(height) if wrap else np.clip(np.arange(rows[0] - tall, rows[1] + tall), 0, height - 1)
-    patch = np.ascontiguousarray(maps[..., along[:, None], across[None, :]], dtype=dtype)
-    top = 0 if wrap else tall
-    inside = (..., slice(top, len(along) - top), slice(wide, len(across) - wide))
-    if blur.method != "fourier":
-        return np.ascontiguousarray(correlate(patch, blur, kernel, wrap)[inside])
-    precise = patch if blur.single else patch.astype(np.float64)
-    out = np.empty_like(precise)
-    for index in np.ndindex(patch.shape[:-2]):
-        out[index] = _circular(precise[index], kernel, wrap)
-    return np.ascontiguousarray(out[inside], dtype=dtype or maps.dtype)
+    out = np.empty((*maps.shape[:-2], rows[1] - rows[0], columns[1] - columns[0]), dtype or maps.dtype)
+    # Strip by strip: what a transform of all takes in memory is several times the result.
+    strip = height if wrap else max(STRIP, 4 * tall)
+    for start in range(*rows, strip):
+        stop = min(start + strip, rows[1])
+        along = np.arange(height) if wrap else np.clip(np.arange(start - tall, stop + tall), 0, height - 1)
+        patch = np.ascontiguousarray(maps[..., along[:, None], across[None, :]], dtype=dtype)
+        top = 0 if wrap else tall
+        inside = (slice(top, len(along) - top), slice(wide, len(across) - wide))
+        for index in np.ndindex(maps.shape[:-2]):
+            if blur.method == "fourier":
+                precise = patch[index] if blur.single else patch[index].astype(np.float64)
+                done = _circular(precise, kernel, wrap)
+            else:
+                done = correlate(patch[index][None], blur, kernel, wrap)[0]
+            out[index][start - rows[0] : stop - rows[0]] = done[inside]
+    return out
 
 
 def _one(image: NDArray[np.floating], blur: Blur, kernel: Array, mode: str) -> NDArray[np.floating]:

@@ -191,40 +191,55 @@ def _mutual(get: Mapping[str, NDArray[Any]]) -> dict[int, MutualKernel]:
 
 def _views(get: Mapping[str, NDArray[Any]], path: Path, stamp: tuple[int, int]) -> tuple[SceneView, ...]:
     found, start = [], 0
+    file = _Kernels(path, stamp)
     for k, (height, width) in enumerate(get.get("view_size", np.empty((0, 2), np.int64)).tolist()):
-        stored = KernelOnFile(path, stamp, start, (height, width))
+        stored = KernelOnFile(file, start, (height, width))
         start += height * width
         found.append(SceneView(int(get["view_family"][k]), str(get["view_name"][k]), get["view_affine"][k], stored,
                                float(get["view_misfit"][k])))  # fmt: skip
     return tuple(found)
 
 
+class _Kernels:
+    """All kernels of a field's file, opened when the first of them is wanted; closed when nobody wants them any more.
+
+    stamp : of the file when the field was read
+    """
+
+    def __init__(self, path: Path, stamp: tuple[int, int]) -> None:
+        self._path, self._stamp = path, stamp
+        self._file: Any = None
+
+    def part(self, start: int, stop: int) -> NDArray[np.floating]:
+        """Numbers start … stop − 1. Raises InputError for a file that is gone, or is not the one the field is from."""
+        import h5netcdf
+
+        if self._file is None:
+            try:
+                if _stamp(self._path) != self._stamp:
+                    raise InputError(str(self._path), "file", self._path.name, "has changed since the field was read",
+                                     "read the field again")  # fmt: skip
+                self._file = h5netcdf.File(self._path, "r")
+            except OSError as error:
+                raise InputError(str(self._path), "file", self._path.name, f"cannot be read any more ({error})",
+                                 "keep it as long as its field is in use") from None  # fmt: skip
+        return np.asarray(self._file.variables["kernel"][start:stop])
+
+
 @dataclass(frozen=True)
 class KernelOnFile:
-    """A kernel of a field's file, behind ``start`` numbers of others. stamp : of the file when the field was read."""
+    """A kernel of a field's file, behind ``start`` numbers of others."""
 
-    path: Path
-    stamp: tuple[int, int]
+    file: _Kernels
     start: int
     shape: tuple[int, int]
 
     def read(self) -> NDArray[np.floating]:
-        """(H, W). Raises InputError if the file is gone, or is not the one that the field was read from."""
-        import h5netcdf
-
+        """(H, W). Raises InputError for a file that is gone, or is not the one the field is from."""
         height, width = self.shape
-        try:
-            if _stamp(self.path) != self.stamp:
-                raise InputError(str(self.path), "file", self.path.name, "has changed since the field was read",
-                                 "read the field again")  # fmt: skip
-            with h5netcdf.File(self.path, "r") as file:
-                values = file.variables["kernel"][self.start : self.start + height * width]
-        except OSError as error:
-            raise InputError(str(self.path), "file", self.path.name, f"cannot be read any more ({error})",
-                             "keep it as long as its field is in use") from None  # fmt: skip
-        single = np.asarray(values, np.float32)  # half of the memory, where nothing is lost
-        kept: NDArray[np.floating] = single if np.array_equal(single, values) else np.asarray(values)
-        return kept.reshape(height, width)
+        values = self.file.part(self.start, self.start + height * width)
+        single = values.astype(np.float32)  # half of the memory, where nothing is lost
+        return (single if np.array_equal(single, values) else values).reshape(height, width)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 Real = NDArray[np.floating]
 #: Part of what interpolation between the nodes errs by, up to which kernels are made of fewer ones.
 FEWER = 0.1
-#: Rows that are convolved at a time.
-STRIP = 128
 
 
 @dataclass(frozen=True)
@@ -80,18 +78,13 @@ class NominalBlur:
         low, high = int(np.floor(self.column.min())) - 2, int(np.ceil(self.column.max())) + 3
         columns = max(low, 0), min(high, width)
         out: Real = np.zeros((self.weights.shape[1], len(maps), rows[1] - rows[0], len(self.column)), self.precision)
-        measured = 0.0
-        # Strip by strip: a transform of all rows would take several times what the image takes.
-        for start in range(*rows, rows[1] - rows[0] if self.tile else STRIP):
-            strip = start, min(start + STRIP, rows[1]) if not self.tile else rows[1]
-            image = out[:, :, strip[0] - rows[0] : strip[1] - rows[0]]
-            for shape, how, weight in zip(self.shapes, self.how, self.weights, strict=True):
-                for c, one in enumerate(maps):
-                    part = blur.part(one[None], how, shape, self.tile, strip, columns, self.precision)
-                    seen = _columns(part[0], self.column - columns[0])
-                    for k, by_column in enumerate(weight.astype(self.precision)):
-                        image[k, c] += by_column * seen
-            measured = max([measured, *(self._largest(maps[:1], one, strip) for one in self.misfit)])
+        for shape, how, weight in zip(self.shapes, self.how, self.weights.astype(self.precision), strict=True):
+            for c, one in enumerate(maps):
+                part = blur.part(one[None], how, shape, self.tile, rows, columns, self.precision)
+                seen = _columns(part[0], self.column - columns[0])
+                for k, by_column in enumerate(weight):
+                    out[k, c] += by_column * seen
+        measured = max((self._largest(maps[:1], one, rows) for one in self.misfit), default=0.0)
         reach = float(maps[0].max()) - float(maps[0].min())
         return NominalImage(
             out, self.along, " and ".join(sorted({how.method for how in self.how})), len(self.shapes), self.error,
@@ -102,8 +95,13 @@ class NominalBlur:
         """Largest |value| of an image through a kernel."""
         if not kernel.any():
             return 0.0
-        how = blur.choose(kernel, 0.0, image.size)
-        return float(np.abs(blur.part(image, how, kernel, self.tile, rows, (0, image.shape[2]), np.float64)).max())
+        how, width = blur.choose(kernel, 0.0, image.size), image.shape[2]
+        most = 0.0
+        for start in range(*rows, rows[1] - rows[0] if self.tile else blur.STRIP):
+            strip = start, rows[1] if self.tile else min(start + blur.STRIP, rows[1])
+            seen = blur.part(image, how, kernel, self.tile, strip, (0, width), np.float64)
+            most = max(most, float(seen.max()), -float(seen.min()))
+        return most
 
 
 def nominal_blur(
