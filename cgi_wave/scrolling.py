@@ -132,7 +132,7 @@ def scroll(
     images = _Images(ready, steady is None)
     bare = GroundFit(fit, fit_moves, round(ready.zone.row)) if steady is None else None
     adders = _Added(plan), _Added(plan)
-    recorded, nominal = Maps(run.most, fit), Maps(run.most, fit)
+    recorded, nominal = Maps(run.most, fit, detector is not None), Maps(run.most, fit)
     for k, frames_of in enumerate(streams(images.beams, moves, STRETCH)):
         taken = frames_of[0] if detector is None else film.recorded(*detector.record(frames_of[0], k, seed))
         if sink is not None:

@@ -279,6 +279,9 @@ def main() -> None:
     options = parser.parse_args()
     if options.worker is not None and options.field is not None:
         _scroll(*synthetic(128, 2, 1e-3), 140)  # imports and compiles
+        load_instrument()
+        import xarray  # noqa: F401  (reading the field imports it)
+
         base = _resident("VmRSS")
         found: dict[str, Any] = real_worker(options.worker, load_field(options.field), base)
     elif options.worker is not None:

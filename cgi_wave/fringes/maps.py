@@ -217,7 +217,7 @@ def retrieve_ground(
     """
     fit = window(phase, dtype, lit)
     run = GroundFit(fit, moves, first, detector, dtype)
-    maps = Maps(run.most, fit)
+    maps = Maps(run.most, fit, detector is not None)
     for frame in frames:
         for row in run.add(frame):
             maps.add(*row)
@@ -225,19 +225,22 @@ def retrieve_ground(
 
 
 class Maps:
-    """Gathers the ground rows that ``GroundFit.add`` gives, at most so many: memory is taken as they come."""
+    """Gathers the ground rows that ``GroundFit.add`` gives, at most so many: memory is taken as they come. noise :
+    their errors are not 0."""
 
-    def __init__(self, rows: int, fit: Window) -> None:
+    def __init__(self, rows: int, fit: Window, noise: bool = False) -> None:
         self._fit, self._count = fit, 0
         self._ground, self._seen = np.zeros(rows, np.int64), np.zeros(rows, np.int64)
-        self._maps: Real = np.empty((4, rows, fit.cosine.shape[1]), fit.cosine.dtype)
+        self._maps: Real = np.empty((4 if noise else 3, rows, fit.cosine.shape[1]), fit.cosine.dtype)
 
     def add(self, ground: int, term: Real, error: Real | float, seen: int) -> None:
         """Take a ground row: its terms (6, X), the error of its NMA (X,), and how many rows saw it."""
         k, maps = self._count, self._maps
         self._ground[k], self._seen[k] = ground, seen
         maps[0, k], maps[1, k] = term[0], np.hypot(term[2], term[3])
-        maps[2, k], maps[3, k] = np.arctan2(-term[3], term[2]), error
+        maps[2, k] = np.arctan2(-term[3], term[2])
+        if len(maps) > 3:
+            maps[3, k] = error
         self._count += 1
 
     def __len__(self) -> int:
@@ -249,7 +252,8 @@ class Maps:
         if not self._count:
             raise InputError("retrieval", "frames", frames, f"no ground point passes all of {len(fit.rows)} rows",
                              f"take {len(fit.rows)} frames or more")  # fmt: skip
-        baseline, modulation, phase, error = self._maps[:, some]
+        baseline, modulation, phase = self._maps[:3, some]
+        error = self._maps[3, some] if len(self._maps) > 3 else np.broadcast_to(baseline.dtype.type(0), baseline.shape)
         lit = np.abs(baseline) > np.finfo(float).tiny
         return Retrieved(
             ground=self._ground[some], baseline=baseline, modulation=modulation,

@@ -95,17 +95,24 @@ def streams(
     out: list[Real] = []
     with ThreadPoolExecutor(1) as pool:
         for frames, span in parts(moves, length):
-            made = list(beams_of(span))
-            for beams in made:
-                beams.ready(span.low)
-                beams.ready(span.high)
+            give_back()
+            made = _made(beams_of, span)
             out = out or [np.empty(beams.zone.shape, beams.dtype) for beams in made]
             give_back()
             for shift in moves.rows[frames].tolist():
                 yield tuple(
                     beams.frame(shift, one, pool if threads > 1 else None) for beams, one in zip(made, out, strict=True)
                 )
-            made.clear()
+            made.clear()  # a name for one of them would keep it
+
+
+def _made(beams_of: Callable[[Span], Sequence[Beams]], span: Span) -> list[Beams]:
+    """Beams for a part of a scroll. Raises InputError for a scene too short."""
+    made = list(beams_of(span))
+    for beams in made:
+        for shift in (span.low, span.high):
+            beams.ready(shift)
+    return made
 
 
 def parts(moves: Motion, length: float) -> Iterator[tuple[slice, Span]]:
