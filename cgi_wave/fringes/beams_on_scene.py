@@ -41,6 +41,7 @@ class Sharp:
     """pattern (C, R, X); image (C, H, X), columns resampled; row (R,): rows of the image at scroll 0; taps 2 or 4.
 
     margin : rows of the image before the scene's first; strict : to look beyond the scene is an error
+    along (R,) : factor of each row of the pattern, None: 1, as it must be for the first of all
 
     Raises InputError for arrays whose lines are not contiguous, or whose numbers of modes, columns or rows differ.
     """
@@ -52,6 +53,7 @@ class Sharp:
     taps: int
     margin: int
     strict: bool
+    along: Array | None = None
 
     def __post_init__(self) -> None:
         modes, rows, columns = self.pattern.shape
@@ -145,8 +147,8 @@ class Beams:
         failed: list[BaseException] = []
 
         def pieces_of(from_top: bool) -> None:
-            pieces = kernels.frame_rows(out, self._terms, self._places, shift, self.wrap, *self._smooth, counters[0],
-                                        from_top)  # fmt: skip
+            pieces = kernels.frame_rows(out, self._terms, self._places, self._factors, shift, self.wrap, *self._smooth,
+                                        counters[0], from_top)  # fmt: skip
             _done(counters[0], pieces, failed)
             for turned, counter in zip(self.warped, counters[1:], strict=True):
                 kernels.warped_rows(out, turned.pattern, turned.image, turned.x, turned.y, shift, self.wrap,
@@ -188,6 +190,12 @@ class Beams:
     @cached_property
     def _places(self) -> Array:
         return np.repeat([term.row for term in self.sharp], [len(term.pattern) for term in self.sharp], axis=0)
+
+    @cached_property
+    def _factors(self) -> Array:
+        ones = np.ones(self.zone.shape[0])
+        return np.repeat([ones if term.along is None else term.along for term in self.sharp],
+                         [len(term.pattern) for term in self.sharp], axis=0)  # fmt: skip
 
     @cached_property
     def _smooth(self) -> tuple[NDArray[np.generic], ...]:

@@ -98,11 +98,11 @@ class Choice:
     def _nominal(self, way: SharpWay, nominal: NominalImage) -> tuple[list[Sharp], LayerPlan]:
         """The first layer through the nominal PSF, one term along track after the other."""
         rows = self.zone.row - nominal.first + np.arange(self.zone.shape[0], dtype=np.float64)
-        parts = []
-        for k, (image, along) in enumerate(zip(nominal.maps, nominal.along, strict=True)):
-            pattern: Real = np.ascontiguousarray(way.pattern * along[None, :, None], dtype=self.dtype)
-            parts.append(Sharp(way.view.name, pattern, image.astype(self.dtype, copy=False), rows, 4, -nominal.first,
-                               k == 0))  # fmt: skip
+        parts = [
+            Sharp(way.view.name, way.pattern, image.astype(self.dtype, copy=False), rows, 4, -nominal.first, k == 0,
+                  along if k else None)  # T_0 is 1
+            for k, (image, along) in enumerate(zip(nominal.maps, nominal.along, strict=True))
+        ]  # fmt: skip
         between = 0.0
         if self._fractions or self.zone.row % 1.0:
             between = float(Seen(nominal.maps[0], 0.0, 0.0, 1).reading(4).max())

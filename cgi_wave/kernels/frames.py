@@ -1,12 +1,12 @@
 """Compiled loops of the frames: patterns times scene images, smooth ghost layers, and what is summed along the scroll.
 
-A frame is out[j, x] = Σ_c pattern[c, j, x] · image[c, place[c, j], x] + Σ_h harmonic_h[j, x] · field_h(j, x). The first
-sum holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a row. The
-second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every ``pitch``
-pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange interpolation:
-along y on the nodes, once per row of pixels, where harmonics meet their envelopes too, since fringes run along x and
-change as slowly across track as these; then along x inside the loop over pixels, where all pixels of a cell share four
-nodes. So a frame moves hardly more memory than pattern, image and result take.
+A frame is out[j, x] = Σ_c factor[c, j]·pattern[c, j, x]·image[c, place[c, j], x] + Σ_h harmonic_h[j, x]·field_h(j, x).
+The first sum holds sharp layers, read row by row, with one, two or four rows of the scene weighted for a fraction of a
+row. The second holds all smooth layers together: their images and envelopes live on a coarse grid of nodes every
+``pitch`` pixels, are multiplied and added there, and only the sum is brought to the pixels, by cubic Lagrange
+interpolation: along y on the nodes, once per row of pixels, where harmonics meet their envelopes too, since fringes run
+along x and change as slowly across track as these; then along x inside the loop over pixels, where all pixels of a cell
+share four nodes. So a frame moves hardly more memory than pattern, image and result take.
 
 All arrays of one call share one floating type, so that nothing is converted on the way. Nodes stand in groups of LANES,
 with all that is multiplied for a group one behind the other in memory.
@@ -190,15 +190,16 @@ def _blend(spare, address, stride, count, index, weight):
 
 
 @njit(**_JIT)
-def _product(out, pattern, image, add):
-    """Pattern times image, set or added."""
+def _product(out, pattern, image, add, factor):
+    """Pattern times image, set; or added, times factor[0]."""
     columns = out.shape[0]
     whole = columns - columns % LANES
     if add:
+        f = spread(factor, 0)
         for x in range(0, whole, LANES):
-            store(out, x, load(pattern, x) * load(image, x) + load(out, x))
+            store(out, x, f * load(pattern, x) * load(image, x) + load(out, x))
         for x in range(whole, columns):
-            out[x] += pattern[x] * image[x]
+            out[x] += factor[0] * pattern[x] * image[x]
     else:
         for x in range(0, whole, LANES):
             store(out, x, load(pattern, x) * load(image, x))
@@ -360,13 +361,15 @@ def _mixed(node, ring, first, along, row, turn, j):
 
 @njit(**_JIT)
 def frame_rows(
-    out, terms, place, shift, wrap, turn, which, fringed, plain, own, coarse, row, step, size, table, counter, from_top,
+    out, terms, place, factor, shift, wrap, turn, which, fringed, plain, own, coarse, row, step, size, table, counter,
+    from_top,
 ):  # fmt: skip
     """Pieces of a frame, set: sharp layers and all smooth layers. Returns the number of pieces.
 
     out (R, X), contiguous
     terms (S, 5): of each sharp layer and spectral mode where the data of its pattern (R, X), contiguous, and of its
     image (H, X) begin, bytes from row to row of the image, H, and taps (2 or 4)
+    factor (S, R): of each row of a term, from the second term on; that of the first is 1
     place (S, R): rows of the image at scroll 0; shift: rows by which the ground has moved; wrap: images repeat
     K nodes make G = K / LANES groups; K is filled up with zeros. No nodes: no smooth layers
     turn (2, R, K): cos and sin of the nominal phase of each row of pixels, at the nodes
@@ -386,6 +389,7 @@ def frame_rows(
     ring = np.empty((4, (5 if fringed.shape[2] > 0 else 1) * nodes), out.dtype)
     node, spare, along, w = np.empty(nodes, out.dtype), np.empty_like(out[0]), table.T.copy(), np.empty(4, out.dtype)
     first, weight, index = np.empty(layers, np.int64), np.empty((layers, 4), out.dtype), np.empty(4, np.int64)
+    f = np.empty(1, out.dtype)
     begin, blended, line = out.ctypes.data, spare.ctypes.data, spare.shape[0] * spare.itemsize
     moved = shift / step
     unit = min(pitch, PIECE)
@@ -412,7 +416,8 @@ def frame_rows(
                     at = blended
                 pattern, image = _line(terms[s, 0] + j * line, spare), _line(at, spare)
                 if s > 0 or nodes == 0:
-                    _product(_line(begin + j * line, spare), pattern, image, s > 0)
+                    f[0] = factor[s, j]
+                    _product(_line(begin + j * line, spare), pattern, image, s > 0, f)
                     continue
                 if which[j] >= 0:
                     _places(lines + which[j], row, moved, size, wrap, first, weight)
