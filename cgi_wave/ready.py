@@ -83,7 +83,8 @@ class Ready:
 
         errors : parts of the error of a frame, relative irradiance, at the scene's brightest pixel; see
         ``pattern.Layer``. not_computed : what tracing left out, times the largest nominal modulation; images : choices
-        for blurs and maps; scene : what the low-rank form of the scene leaves; edge : what ghosts and the nominal PSF
+        for blurs and maps; places : of ghosts off their affine map, on the steepest ground; scene : what the low-rank
+        form of the scene leaves; edge : what ghosts and the nominal PSF
         see beyond the scene, where its edge goes on: the kernels' weight there times the scene's range; psf_between,
         psf_window, psf_arms : of the nominal PSF between traced points, beyond its window, and by beam; mutual,
         mutual_bound : what pairs with ghosts have of images of their own, measured on the scene, and bounded
@@ -98,7 +99,8 @@ class Ready:
         if nominal and bare is None:
             bare = self.bare.beams(span, image)
         most = float(np.abs(self.nominal_layers[0].pattern[0]).max())
-        return Images(span, beams, bare, image, self.fixed | {"images": beams.error} | _psf_errors(image, most))
+        own = {"images": beams.error, "places": sum(plan.places for plan in beams.plans)}
+        return Images(span, beams, bare, image, self.fixed | own | _psf_errors(image, most))
 
 
 class Stopwatch:

@@ -103,13 +103,15 @@ class Smooth:
 @dataclass(frozen=True)
 class LayerPlan:
     """What was chosen for a layer. way; blur: method of the convolution; pitch: of its nodes, pixels (1: every pixel);
-    error: bound or measure of what the choice adds, relative irradiance at the scene's largest value."""
+    error: bound or measure of what the choice adds, relative irradiance at the scene's largest value; places: what a
+    ghost changes that stands off its affine map as far as a traced point does at most, on the steepest ground."""
 
     name: str
     way: Literal["sharp", "smooth", "warped"]
     blur: str
     pitch: int
     error: float
+    places: float = 0.0
 
 
 @dataclass(frozen=True)

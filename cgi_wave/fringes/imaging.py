@@ -95,6 +95,11 @@ class Seen:
         return sum((np.abs(np.diff(self.image, n=4, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)),
                    np.zeros(len(self.image))) / 24.0  # fmt: skip
 
+    def steepest(self) -> Array:
+        """(C,) largest change of the image per sample of the scene, from neighbours along and across track."""
+        along, across = (np.abs(np.diff(self.image, axis=axis)).max(axis=(1, 2)) for axis in (1, 2))
+        return np.asarray(np.hypot(along, across) / self.step)
+
 
 def places(affine: Array, zone: Zone, rows: Array | None = None, columns: Array | None = None) -> tuple[Array, Array]:
     """Column and row of the scene, in samples, under detector pixels (default: the zone's), at scroll 0."""

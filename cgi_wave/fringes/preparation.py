@@ -73,9 +73,7 @@ class Choice:
                 grid = way.where
                 assert self._turn is not None
                 if span == held and number in known:
-                    one = known[number]
-                    error = way.view.error + one.error
-                    plan = LayerPlan(way.view.name, "smooth", way.view.blur, grid.pitch, error)
+                    one, plan = known[number], way.plan(known[number])
                 else:
                     one, plan = way.made(ground, zone, span, self._turn, self.dtype)
                 placed.append(one)

@@ -103,6 +103,7 @@ def streams(
                 yield tuple(
                     beams.frame(shift, one, pool if threads > 1 else None) for beams, one in zip(made, out, strict=True)
                 )
+            pool.submit(int).result()  # the other thread has nothing of the last frame left
             made.clear()  # a name for one of them would keep it
 
 

@@ -48,6 +48,12 @@ class View:
         kernel = None if self.of is None or self.how.method == "nothing" else self.of.kernel
         return seen(ground, self.how, kernel, self.affine, zone, span)
 
+    def off(self, part: Seen, zone: Zone) -> float:
+        """What the distance of ghosts from their affine map may change, relative irradiance."""
+        if self.of is None or not self.of.misfit_m:
+            return 0.0
+        return float(self.strength @ part.steepest()) * self.of.misfit_m / zone.pitch
+
     @property
     def blur(self) -> str:
         """What was done, in words."""
@@ -69,28 +75,29 @@ class SharpWay:
         view = self.view
         part = view.seen(ground, zone, span, dtype)
         column, row = part.places(view.affine, zone)
-        error = view.error + float(view.strength @ part.reading(self.taps))
+        error, off = view.error + float(view.strength @ part.reading(self.taps)), view.off(part, zone)
         if self.turned:
-            plan = LayerPlan(view.name, "warped", view.blur, 1, error)
+            plan = LayerPlan(view.name, "warped", view.blur, 1, error, off)
             return Warped(view.name, self.pattern, part.image, column, row, self.taps), plan
         error += float(view.strength.max()) * turning(view.affine, zone, part.image)
         middle = zone.shape[0] // 2, zone.shape[1] // 2
         image = on_columns(part.image, column[middle[0]], self.taps)
         sharp = Sharp(view.name, self.pattern, image, row[:, middle[1]].copy(), self.taps, -round(part.row),
                       self.strict)  # fmt: skip
-        return sharp, LayerPlan(view.name, "sharp", view.blur, 1, error)
+        return sharp, LayerPlan(view.name, "sharp", view.blur, 1, error, off)
 
 
 @dataclass(frozen=True)
 class Placed:
     """A smooth layer on a grid. envelope (C, M, N, K), M = 1 without fringes; coarse (C, V, K), row (N,), step: rows of
-    the scene per coarse row; error : relative irradiance"""
+    the scene per coarse row; error, places : see ``LayerPlan``, without that of the blur"""
 
     envelope: Real
     coarse: Real
     row: Array
     step: float
     error: float
+    places: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -127,8 +134,12 @@ class SmoothWay:
         """What frames take of it."""
         part = self.view.seen(ground, zone, span, dtype)
         placed = self.placed(part, ground, zone, turn, truth(self.view, part, self.samples, zone, span, ground), dtype)
-        error = self.view.error + placed.error
-        return placed, LayerPlan(self.view.name, "smooth", self.view.blur, self.where.pitch, error)
+        return placed, self.plan(placed)
+
+    def plan(self, placed: Placed) -> LayerPlan:
+        """What was chosen, and its errors on a part of the scroll."""
+        view = self.view
+        return LayerPlan(view.name, "smooth", view.blur, self.where.pitch, view.error + placed.error, placed.places)
 
     def placed(
         self, part: Seen, ground: Ground, zone: Zone, turn: Real, expected: dict[float, Array], dtype: type
@@ -152,7 +163,7 @@ class SmoothWay:
             error = max(error, BETWEEN * float(off))
         if part.step > 1:
             error += float(self.view.strength @ part.reading(4))
-        return replace(placed, error=error)
+        return replace(placed, error=error, places=self.view.off(part, zone))
 
 
 def flatness(envelope: Real, uniform: Array, zone: Zone, where: smooth.Grid, turn: Real, dtype: type) -> float:

@@ -232,7 +232,8 @@ def _coordinates(
 
 
 def _plans(plans: Any) -> list[dict[str, Any]]:
-    return [{"name": p.name, "way": p.way, "blur": p.blur, "pitch": p.pitch, "error": p.error} for p in plans]
+    return [{"name": p.name, "way": p.way, "blur": p.blur, "pitch": p.pitch, "error": p.error, "places": p.places}
+            for p in plans]  # fmt: skip
 
 
 def _write(data: Any, path: Path, packed: tuple[str, ...]) -> None:

@@ -118,3 +118,22 @@ def test_a_kernel_that_does_not_add_up_to_one_is_refused():
     ghost = layer(np.ones(z.shape), FLIP, 1.1 * gaussian(2.0))
     with pytest.raises(InputError, match=r"layer ghost\.kernel = 1\.1.*add up to 1"):
         choose([layer(np.ones(z.shape)), replace(ghost)], scene(30, 20), z)
+
+
+def test_ghosts_off_their_map_cost_what_the_ground_changes_by():
+    """A ghost moved by as much as its misfit changes a frame by no more than the plan says (on ground beside the zone,
+    where the scene's edge goes on, a wide blur changes by ten times as much)."""
+    z = zone(40, 30, 10.0, 10.0)
+    maps = scene(70, 60)
+    for kernel in (gaussian(0.8), gaussian(9.0)):
+        ghost = layer(0.1 * np.ones(z.shape), np.eye(2, 3), kernel)
+        assert ghost.view is not None
+        off = replace(ghost, view=replace(ghost.view, misfit_m=0.5 * z.pitch))
+        moved = np.eye(2, 3)
+        moved[:, 2] = 0.3 * z.pitch, -0.4 * z.pitch
+        other = replace(ghost, view=replace(ghost.view, affine=moved))
+        dark = layer(np.zeros(z.shape))
+        said, there = (prepare([dark, one], maps, z, tolerance=1e-6, precision="float64") for one in (off, other))
+        apart = np.abs(said.frame(0.0) - there.frame(0.0)).max()
+        assert 0.05 * said.plans[1].places < apart < said.plans[1].places
+        assert there.plans[1].places == 0.0
