@@ -23,16 +23,21 @@ DEGREE, LOW_DEGREE, FULL = 8, 4, 90
 
 
 def limiting(clearance: Array, p: Array) -> Array:
-    """The clearances (K', S, N) of (K, S, N) that bound the beam; at least one. p (N, 2): pupil points.
+    """The clearances (K', S, N) of (K, S, N) that bound the beam; at least one. p (N, 2): pupil points."""
+    return clearance[bounding_rows(clearance[:, clearance.shape[1] // 2], p)]
+
+
+def bounding_rows(clearance: Array, p: Array) -> NDArray[np.int64]:
+    """Which clearances (K, N) bound a beam: their indices, at least one. p (N, 2): pupil points.
 
     Most apertures on a long path are passed with room to spare, or lie in the shadow of another (a mirror next to an
     image of the stop). Polynomials through the samples say which, on points much denser than the rays.
     """
     x, _, _ = on_disc(p)
     degree = DEGREE if len(x) >= FULL else LOW_DEGREE
-    dense = fitted(x, clearance[:, clearance.shape[1] // 2].T, degree).T @ _compared(degree)
-    kept = bounding(dense, LIMITING, SAME)
-    return clearance[kept if len(kept) else [int(dense.min(axis=1).argmin())]]
+    dense = fitted(x, clearance.T, degree).T @ _compared(degree)
+    kept: NDArray[np.int64] = bounding(dense, LIMITING, SAME)
+    return kept if len(kept) else np.array([int(dense.min(axis=1).argmin())])
 
 
 @lru_cache(maxsize=2)

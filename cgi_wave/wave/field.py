@@ -20,6 +20,8 @@ from cgi_wave.wave.support import cutting, domain, fenced, unshadowed
 
 DEGREES = (4, 6, 8, 10, 12, 14, 16)
 FINE_DEGREES = (*DEGREES, 18, 20)  # where samples are many and a misfit of 1e-7 rad is asked for
+HIGH_DEGREES = (*FINE_DEGREES, 22, 24, 26, 28, 30)  # where they are a thousand and more
+DOUBT = 30.0  # by how much a misfit that falls as before may miss the limit in the end, and yet be waited for
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
@@ -253,8 +255,10 @@ def _degrees(samples: PupilSamples, inside: NDArray[np.bool_], tried: Sequence[i
     return allowed
 
 
-def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Array, Array]:
+def _choose(fits: _Fits, degrees: list[int], target: float, limit: float) -> tuple[_Trial, Array, Array]:
     """The first degree whose misfit is below ``target``, or the one with the least.
+
+    None higher is tried once it is plain that the last would stay above ``limit``, as the misfit has fallen so far.
 
     With it the clearances (K, n, n) and their residuals (K,), each of the lowest degree that reaches ``target`` or
     nearly the best: footprints on apertures are nearly affine in the pupil, and every degree costs the boundary search
@@ -263,7 +267,7 @@ def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Arr
     trials = [fits.grow(degrees[0] + 1)]
     best = trials[0]
     for d in degrees[1:]:
-        if best.score < target:
+        if best.score < target or _hopeless(trials, degrees, limit):
             break
         trials.append(fits.grow(d + 1))
         best = trials[-1] if trials[-1].score < best.score else best
@@ -276,6 +280,15 @@ def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Arr
             coef[k, : simple.n, : simple.n] = fits.clearance(k, simple.n)
             residual[k] = simple.clearance_misfit[k]
     return best, coef, residual
+
+
+def _hopeless(trials: list[_Trial], degrees: list[int], limit: float) -> bool:
+    """Whether the misfit, should it go on falling as it did last, stays far above ``limit`` at the last degree."""
+    if len(trials) < 3 or limit == np.inf:
+        return False
+    fall = np.log(trials[-1].score / trials[-2].score) / (trials[-1].n - trials[-2].n)
+    left = degrees[-1] + 1 - trials[-1].n
+    return bool(np.log(trials[-1].score) + min(fall, 0.0) * left > np.log(DOUBT * limit))
 
 
 def fit_field(
@@ -310,7 +323,7 @@ def fit_field(
     inside = _near(x, lit, spacing)
     tried = _degrees(samples, inside, degrees if degree is None else (degree,))
     fits = _Fits(samples, x, inside, lit, tried[-1] + 1)
-    trial, simple, residual = _choose(fits, tried, target)
+    trial, simple, residual = _choose(fits, tried, target, limit)
     missed = 2.0 * np.pi * float(samples.sigma[-1]) * trial.opl
     if missed > limit:
         raise MethodLimitError(
