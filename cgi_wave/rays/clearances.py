@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 #: carried along if its clearance falls below this where all others are above minus this.
 COMPARED = 1500
 LIMITING = 0.05
+#: Room at every ray with which there is no need to look between rays.
+AMPLE = 0.15
 #: Apertures whose clearances agree to this everywhere are one (the stop and its image, a plate's two passes).
 SAME = 1e-6
 #: Degree of the polynomials through clearances, and the lower one for beams of fewer rays than FULL.
@@ -35,9 +37,13 @@ def bounding_rows(clearance: Array, p: Array) -> NDArray[np.int64]:
     """
     x, _, _ = on_disc(p)
     degree = DEGREE if len(x) >= FULL else LOW_DEGREE
-    dense = fitted(x, clearance.T, degree).T @ _compared(degree)
+    least = clearance.min(axis=1)
+    rows = np.flatnonzero(least < AMPLE)
+    if not len(rows):
+        return np.array([int(least.argmin())])
+    dense = fitted(x, clearance[rows].T, degree).T @ _compared(degree)
     kept: NDArray[np.int64] = bounding(dense, LIMITING, SAME)
-    return kept if len(kept) else np.array([int(dense.min(axis=1).argmin())])
+    return rows[kept if len(kept) else [int(dense.min(axis=1).argmin())]]
 
 
 @lru_cache(maxsize=2)
