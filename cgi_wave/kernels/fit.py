@@ -285,17 +285,30 @@ def combine(c, along, terms, n):
 
 
 @njit(**_JIT)
-def mapped(x, values, n, free):
-    """Derivatives (Q, 2, N) by both coordinates of a fit of values (Q, N) at points x (N, 2), total degree below n, and
-    the largest leave-one-out misfit."""
-    rows = n * (n + 1) // 2
-    q, c = np.empty((rows, x.shape[0])), np.zeros((rows, rows))
-    along, residual, share = np.zeros((values.shape[0], rows)), values.copy(), np.ones(x.shape[0])
+def mapped(p, values, n, free):
+    """Determinant (N,) of the derivatives of two values (N, 2) by points p (N, 2), of a fit of total degree below n;
+    its largest leave-one-out misfit as a share of their range; RMS radius of the points times √2.
+    """
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    rows, centre = n * (n + 1) // 2, np.zeros(2)
+    for i in range(p.shape[0]):
+        for axis in range(2):
+            centre[axis] += p[i, axis] / p.shape[0]
+            low[axis], high[axis] = min(low[axis], values[i, axis]), max(high[axis], values[i, axis])
+    half, square = 0.0, 0.0
+    for i in range(p.shape[0]):
+        away = (p[i, 0] - centre[0]) ** 2 + (p[i, 1] - centre[1]) ** 2
+        half, square = max(half, away), square + away / p.shape[0]
+    half = math.sqrt(half)
+    x = (p - centre) / half
+    q, c = np.empty((rows, p.shape[0])), np.zeros((rows, rows))
+    along, residual, share = np.zeros((2, rows)), values.T.copy(), np.ones(p.shape[0])
     orthonormalise(q, c, x, 0, n)
     project(q, 0, rows, residual, share, along)
     found = largest(residual, share, free, np.zeros(residual.shape, np.bool_))
-    slopes = polynomials(combine(c, along, np.full(values.shape[0], n), n), x)[:, 1:]
-    return slopes, found[:, 1].max()
+    slopes = polynomials(combine(c, along, np.full(2, n), n), x)
+    det = (slopes[0, 1] * slopes[1, 2] - slopes[0, 2] * slopes[1, 1]) / half**2
+    return det, found[:, 1].max() / max((high - low).max(), 1e-300), math.sqrt(2.0 * square)
 
 
 @njit(**_JIT)

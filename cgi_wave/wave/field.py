@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
+from cgi_wave.kernels.bounds import terms_used
 from cgi_wave.kernels.power import products
 from cgi_wave.kernels.samples import gathered, least_and_range, not_finite, prepared
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
 from cgi_wave.wave.fitting import OVERSAMPLING, Climb, polynomials
-from cgi_wave.wave.region import SAFETY, Region, Support, segments, trimmed
+from cgi_wave.wave.region import SAFETY, Region, Support, segments
 from cgi_wave.wave.samples import PupilSamples, Space
 from cgi_wave.wave.support import MARGIN, cutting, fenced, unshadowed
 
@@ -172,11 +173,9 @@ class _Fits:
 
     def paths(self, n: int) -> tuple[Array, Array]:
         """Path length (S, n, n), without its mean over the samples, and amplitude (S, n, n)."""
-        if self._shared:
-            both = self._groups[0].coefficients(0, self._first, n)
-            return both[: self._first // 2], both[self._first // 2 :]
-        both = np.array([group.coefficients(0, 2, n) for group in self._groups])
-        return both[:, 0], both[:, 1]
+        half = self._first // 2
+        both = np.array([group.coefficients(0, self._first, n) for group in self._groups])
+        return both[:, :half].reshape(-1, n, n), both[:, half:].reshape(-1, n, n)
 
     def clearances(self, terms: NDArray[np.int64], n: int) -> Array:
         """(K, n, n) clearances at the middle sigma, each below a total degree of its own, terms (K,)."""
@@ -261,8 +260,9 @@ def fit_field(
     support = fenced(support, points, spacing, samples.label)
     opl, amplitude = fits.paths(n)
     opl[:, 0, 0] += fits.mean
+    off = float(fits.amplitude[best])
     region = _region(support, samples.u[middle][lit[middle]], spacing)
-    gram, error = _power(region, support, amplitude, float(fits.amplitude[best]), samples.label, POWER_SHARE * target)
+    gram, error = _power(region, support, amplitude, off, samples.label, POWER_SHARE * target)
     return PupilField(
         samples.label,
         samples.space,
@@ -276,7 +276,7 @@ def fit_field(
         gram,
         error,
         float(fits.opl[best]),
-        float(fits.amplitude[best]),
+        off,
         n - 1,
         samples.bend,
     )
@@ -286,10 +286,11 @@ def _region(support: Support, u: Array, spacing: float) -> Region:
     """The support as a region in a frame about its lit samples u (N, 2), which show where it is."""
     pivot = u.mean(axis=0)
     frame = np.abs(u - pivot).max(axis=0) + 1.5 * spacing * support.scale
-    n = support.clearance.shape[-1]
-    clearance = expand(support.clearance, support.centre, support.scale, pivot, frame, n)
+    n = terms_used(support.clearance)
+    clearance = expand(support.clearance[:, :n, :n], support.centre, support.scale, pivot, frame, n)
     ellipse = np.array([[*((support.centre - pivot) / frame), *(support.scale / frame)]])
-    return Region(pivot, frame, trimmed(clearance), support.residual, ellipse, (u - pivot) / frame, n)
+    terms = support.clearance.shape[-1]
+    return Region(pivot, frame, clearance, support.residual, ellipse, (u - pivot) / frame, terms)
 
 
 def _power(

@@ -44,11 +44,11 @@ class Climb:
         return solution
 
 
-def jacobian(x: Array, values: Array, degree: int) -> tuple[Array, float]:
-    """Derivatives (Q, 2, N) by both coordinates of the fits of values (Q, N) at points x (N, 2) of the unit disc, and
-    their largest leave-one-out misfit."""
-    slopes, misfit = fit.mapped(x, np.ascontiguousarray(values), degree + 1, _FREE)
-    return slopes, float(misfit)
+def mapping(p: Array, values: Array, degree: int) -> tuple[Array, float, float]:
+    """Determinant (N,) of the derivatives of two values (N, 2) by points p (N, 2), by a fit of a total degree; its
+    largest leave-one-out misfit as a share of their range; RMS radius of the points times √2."""
+    det, misfit, radius = fit.mapped(np.ascontiguousarray(p), np.ascontiguousarray(values), degree + 1, _FREE)
+    return det, float(misfit), float(radius)
 
 
 def polynomials(coef: Array, x: Array) -> Array:

@@ -135,18 +135,20 @@ class _Ghost:
 
 
 def _ghost(trace: Trace, radius: float, label: str, tol: float) -> _Ghost:
+    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes)
+    bounds, own = np.array([], np.int64), rays
     for count in (SURVEY, MORE):
-        rays = _settle(trace, np.zeros(2), radius * OVER, count, _passes)
-        bounds = bounding_rows(rays.clearance, rays.p)
-        flat = np.zeros((1, len(rays.p)))
-        samples = PupilSamples(label, "pupil", rays.p[None], np.array([1.0]), flat, np.sqrt(rays.power)[None],
-                               rays.clearance[bounds][:, None], rays.q[None], 0.0, (0.0, 0.0))  # fmt: skip
+        if count != SURVEY:  # a sliver, whose edge lies between too few rays
+            own = _settle(trace, np.zeros(2), radius * OVER, count, _passes)
+        bounds = bounding_rows(own.clearance, own.p)
+        samples = PupilSamples(label, "pupil", own.p[None], np.array([1.0]), np.zeros((1, len(own.p))),
+                               np.sqrt(own.power)[None], own.clearance[bounds][:, None], own.q[None], 0.0,
+                               (0.0, 0.0))  # fmt: skip
         try:
             return _Ghost(label, trace, rays, bounds, fit_field(samples, target=tol))
-        except MethodLimitError:  # a sliver, whose edge lies between too few rays
-            if count == MORE:
-                raise
-    raise AssertionError("unreachable")
+        except MethodLimitError as limit:
+            refused = limit
+    raise refused
 
 
 def choose_charts(rays: RaysOverPupil, other: Other, sigma: float, label: str) -> tuple[list[float], str]:

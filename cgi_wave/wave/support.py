@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
-from cgi_wave.kernels.bounds import beyond, count_open, in_light
+from cgi_wave.kernels.bounds import beyond, count_open, heights, in_light, terms_used
 from cgi_wave.wave.basis import Array
 from cgi_wave.wave.fitting import polynomials
-from cgi_wave.wave.region import Support, trimmed
+from cgi_wave.wave.region import Support
 
 MARGIN = 1.5  # sample spacings beyond the lit samples within which the true boundary must lie
 MANY = 4  # clearances beyond which shadowed ones are looked for
@@ -32,7 +32,8 @@ def cutting(extent: Array, worst: Array, coef: Array, x: Array, spacing: float) 
     cut: NDArray[np.bool_] = least < spacing * extent[:, 1] + worst
     doubtful = np.flatnonzero(~cut)
     if len(doubtful):
-        slopes = polynomials(coef[doubtful], x)[:, 1:]
+        n = terms_used(coef)
+        slopes = polynomials(coef[doubtful, :n, :n], x)[:, 1:]
         steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
         cut[doubtful] = least[doubtful] < 2.0 * spacing * steepest + worst[doubtful]
     return cut
@@ -66,14 +67,13 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
     at the edge of the domain: the boundary is then not known.
     """
     normal, rim, along = _tangents()
-    height = (x @ normal.T).max(axis=0) + MARGIN * spacing
+    height = heights(x, normal) + MARGIN * spacing
     inward = np.flatnonzero(height < 1.0 - INWARD * spacing)
     if len(inward) and len(support.clearance):
         axis, _, _ = _grid(FENCE_GRID)
         inward = inward[beyond(_on_grid(support.clearance, FENCE_GRID), axis, normal[inward], height[inward])]
     normal, height = normal[inward], height[inward]
-    lines = [h * d + along * np.array([-d[1], d[0]]) for d, h in zip(normal, height, strict=True)]
-    count, opened = count_open(support.clearance, np.concatenate([rim, *lines]), normal, height)
+    count, opened = count_open(support.clearance, rim, along, normal, height)
     if opened:
         raise MethodLimitError(
             METHOD,
@@ -89,9 +89,9 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
 
 @lru_cache(maxsize=1)
 def _tangents() -> tuple[Array, Array, Array]:
-    """Normals of the tangents (TANGENTS, 2), points on the unit circle (256, 2), places along a tangent (101, 1)."""
+    """Normals of the tangents (TANGENTS, 2), points on the unit circle (256, 2), places along a tangent (101,)."""
     normal, rim = (np.linspace(0.0, 2.0 * np.pi, count, endpoint=False) for count in (TANGENTS, 256))
-    along = np.linspace(-1.0, 1.0, 101)[:, None]
+    along = np.linspace(-1.0, 1.0, 101)
     return np.column_stack([np.cos(normal), np.sin(normal)]), np.column_stack([np.cos(rim), np.sin(rim)]), along
 
 
@@ -105,7 +105,7 @@ def _grid(count: int) -> tuple[Array, Array, Array]:
 
 def _on_grid(coef: Array, count: int) -> Array:
     """Values (K, count, count) of Chebyshev products (K, n, n), n <= 32, on a grid over the domain."""
-    n = trimmed(coef).shape[-1]
+    n = terms_used(coef)
     _, t, across = _grid(count)
     values: Array = t[:, :n] @ coef[:, :n, :n] @ across[:n]
     return values
