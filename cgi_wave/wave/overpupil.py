@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import CgiWaveError, EmptyBeamError, FoldedFieldError, MethodLimitError
-from cgi_wave.rays.clearances import bounding_rows
+from cgi_wave.rays.clearances import bounding_rows, limiting
 from cgi_wave.rays.disc import disc
 from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc
 from cgi_wave.wave.basis import Array
 from cgi_wave.wave.field import FINE_DEGREES, HIGH_DEGREES, PupilField, fit_field, power
 from cgi_wave.wave.fold import COLLAPSE_LIMIT
 from cgi_wave.wave.overlap import integral_over
-from cgi_wave.wave.pullback import product_samples, shared
+from cgi_wave.wave.pullback import look_up, product_samples, shared
 from cgi_wave.wave.samples import PupilSamples
 
 #: Rays over the whole pupil, by which the chart is chosen, where these do not show its edge, and over a part of it.
@@ -31,6 +31,8 @@ SURVEY, MORE = 1000, 2000
 BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Parts into which a pupil is cut at most, and the shared rays without which one is not cut.
 PARTS, FEWEST = 64, 40
+#: Least share of the light that is taken to be shared when a misfit is weighed by it.
+LEAST = 0.01
 #: A disc of rays that would shrink to no less than this stays as it is.
 SETTLED = 0.9
 #: Share of the misfit allowed that a fit is asked for: what counts in the end is the worst of the clearances that cut.
@@ -124,31 +126,29 @@ def contrast_over_pupil(
 
 @dataclass(frozen=True)
 class _Ghost:
-    """What is known of a ghost before any chart: rays over its whole pupil, numbers of the clearances that bound it,
-    its amplitude over the pupil as a field, for its power."""
+    """What is known of a ghost before any chart: rays over its whole pupil, and its amplitude there as a field, for its
+    power."""
 
     label: str
     trace: Trace
     rays: RaysOverPupil
-    bounds: NDArray[np.int64]
     own: PupilField
 
 
 def _ghost(trace: Trace, radius: float, label: str, tol: float) -> _Ghost:
     rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes)
-    bounds, own = np.array([], np.int64), rays
-    for count in (SURVEY, MORE):
-        if count != SURVEY:  # a sliver, whose edge lies between too few rays
-            own = _settle(trace, np.zeros(2), radius * OVER, count, _passes)
-        bounds = bounding_rows(own.clearance, own.p)
-        samples = PupilSamples(label, "pupil", own.p[None], np.array([1.0]), np.zeros((1, len(own.p))),
-                               np.sqrt(own.power)[None], own.clearance[bounds][:, None], own.q[None], 0.0,
-                               (0.0, 0.0))  # fmt: skip
-        try:
-            return _Ghost(label, trace, rays, bounds, fit_field(samples, target=tol))
-        except MethodLimitError as limit:
-            refused = limit
-    raise refused
+    try:
+        return _Ghost(label, trace, rays, _own_field(rays, label, tol))
+    except MethodLimitError:  # a sliver, whose edge lies between too few rays
+        more = _settle(trace, np.zeros(2), radius * OVER, MORE, _passes)
+        return _Ghost(label, trace, rays, _own_field(more, label, tol))
+
+
+def _own_field(rays: RaysOverPupil, label: str, tol: float) -> PupilField:
+    clearance = limiting(rays.clearance[:, None], rays.p)
+    flat = np.zeros((1, len(rays.p)))
+    return fit_field(PupilSamples(label, "pupil", rays.p[None], np.array([1.0]), flat, np.sqrt(rays.power)[None],
+                                  clearance, rays.q[None], 0.0, (0.0, 0.0)), target=tol)  # fmt: skip
 
 
 def choose_charts(rays: RaysOverPupil, other: Other, sigma: float, label: str) -> tuple[list[float], str]:
@@ -198,7 +198,9 @@ def _in_chart(ghost: _Ghost, near: PupilField, sigma: float, tol: float) -> Pupi
     mine, there = power(ghost.own), power(near)
     norm = float(np.sqrt(mine[0][0] * there[0][near.sigma.size // 2]))
     total, error, cross, parts = 0.0j, 0.0, 0.0, 0
-    for field in _parts(ghost, near, tol):
+    # What is missed counts where light is shared.
+    share = min(max(_shared(ghost.rays, near) / norm, LEAST), 1.0)
+    for field in _parts(ghost, near, tol / share):
         value, off, size, _ = integral_over(field, tol * norm)
         total, error, cross, parts = total + value, error + off, cross + size, parts + 1
     # What the other field may be off by itself: phase, amplitude, and both powers in the normaliser.
@@ -208,6 +210,14 @@ def _in_chart(ghost: _Ghost, near: PupilField, sigma: float, tol: float) -> Pupi
     gamma = total / norm
     bound = error / norm + phase + amplitude + 0.5 * abs(gamma) * (mine[1] + there[1])
     return PupilContrast(complex(gamma), float(bound), 0.0, near.bend, parts, "")
+
+
+def _shared(rays: RaysOverPupil, near: PupilField) -> float:
+    """∫ |product| d²p, as far as rays tell."""
+    u, _, det = rays.chart(near.bend)
+    lit = _lit(rays, near, ())
+    product = np.sqrt(rays.power[lit] * np.abs(det[lit])) * look_up(near, u[lit]).amplitude
+    return float(product.sum()) * np.pi * _reach(rays.p) ** 2 / len(rays.p)
 
 
 def _settle(
@@ -320,7 +330,9 @@ def _product(
             f"{ghost.label}: det ∂u/∂p changes sign over the shared pupil in the chart {near.bend:.3g} 1/m"
         )
     size = _reach(rays.p)
-    edges = np.concatenate([rays.clearance[ghost.bounds], *(cut.clearance(rays.p)[None] / size for cut in cuts)])
+    edges = np.concatenate(
+        [rays.clearance[bounding_rows(rays.clearance, rays.p)], *(cut.clearance(rays.p)[None] / size for cut in cuts)]
+    )
     samples = product_samples(ghost.label, rays.p[same], u[same], opl[same], rays.power[same], det[same], rays.q[same],
                               edges[:, same], rays.phase(first, near.bend), near)  # fmt: skip
     try:
