@@ -33,6 +33,8 @@ BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 PARTS, FEWEST = 64, 40
 #: Least share of the light that is taken to be shared when a misfit is weighed by it.
 LEAST = 0.01
+#: Share of shared rays from which those over the whole pupil are fitted, before others are traced around them.
+REUSED = 0.3
 #: A disc of rays that would shrink to no less than this stays as it is.
 SETTLED = 0.9
 #: Share of the misfit allowed that a fit is asked for: what counts in the end is the worst of the clearances that cut.
@@ -245,7 +247,7 @@ def _parts(ghost: _Ghost, near: PupilField, tol: float) -> Iterator[PupilField]:
     if not inside.any():
         return
     first = _Part(*bounding_disc(ghost.rays.p[inside], _reach(ghost.rays.p), len(ghost.rays.p)), ())
-    waiting = [(first, ghost.rays if inside.mean() >= FILLED else None)]
+    waiting = [(first, ghost.rays if inside.mean() >= REUSED else None)]
     made = 1
     while waiting:
         part, rays = waiting.pop()
