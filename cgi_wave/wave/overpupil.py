@@ -40,7 +40,7 @@ SETTLED = 0.9
 #: Share of the misfit allowed that a fit is asked for: what counts in the end is the worst of the clearances that cut.
 ENOUGH = 0.5
 #: Misfit allowed where charts are only compared, and by how much what the kept one is off may exceed a difference.
-COMPARED, SAFETY = 1e-5, 2.0
+COMPARED, SAFETY = 1e-6, 2.0
 _METHOD = "field over the pupil"
 
 
@@ -138,7 +138,8 @@ class _Ghost:
 
 
 def _ghost(trace: Trace, radius: float, label: str, tol: float) -> _Ghost:
-    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes)
+    # Here every ray counts, since the worst of them says which charts serve.
+    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes, 1.0)
     try:
         return _Ghost(label, trace, rays, _own_field(rays, label, tol))
     except MethodLimitError:  # a sliver, whose edge lies between too few rays
@@ -223,7 +224,12 @@ def _shared(rays: RaysOverPupil, near: PupilField) -> float:
 
 
 def _settle(
-    trace: Trace, centre: Array, half: float, count: int, chosen: Callable[[RaysOverPupil], NDArray[np.bool_]]
+    trace: Trace,
+    centre: Array,
+    half: float,
+    count: int,
+    chosen: Callable[[RaysOverPupil], NDArray[np.bool_]],
+    settled: float = SETTLED,
 ) -> RaysOverPupil:
     """Rays over a disc of the pupil, drawn in around the chosen ones until these fill it, or it hardly shrinks."""
     for _ in range(4):
@@ -232,7 +238,7 @@ def _settle(
         if not lit.any() or lit.mean() >= FILLED:
             break
         before, (centre, half) = half, bounding_disc(rays.p[lit], half, count)
-        if half >= SETTLED * before:  # light of a shape that fills no disc
+        if half >= settled * before:  # light of a shape that fills no disc
             break
     return rays
 
