@@ -138,9 +138,10 @@ class _Fits:
         self._shared = count == 1 or all(np.array_equal(x[0], other) for other in x[1:])
         if self._shared:
             take = inside.any(axis=0)
-            made = gathered(s.opl, s.amplitude, s.clearance, at, lit, take, True, FEWEST)
-            self._groups = [Climb(x[0][take], *made[:-1], terms, weight, target, limit)]
-            self.mean = made[-1]
+            values, chosen, near, edge, self.mean = gathered(
+                s.opl, s.amplitude, s.clearance, at, lit, take, True, FEWEST
+            )
+            self._groups = [Climb(x[0][take], values, chosen, near, edge, terms, weight, target, limit)]
             worst = self._groups[0].worst
             self.opl, self.amplitude = worst[:, :count, 0].max(axis=1), worst[:, count : 2 * count, 0].max(axis=1)
         else:
@@ -150,9 +151,10 @@ class _Fits:
             ]  # fmt: skip
             # All degrees, since what suffices is known when all wavenumbers are.
             self._groups = [
-                Climb(x[k][inside[k]], *made[:-1], terms, weight, -1.0, np.inf) for k, made in enumerate(each)
+                Climb(x[k][inside[k]], values, chosen, near, edge, terms, weight)
+                for k, (values, chosen, near, edge, _) in enumerate(each)
             ]
-            self.mean = np.concatenate([made[-1] for made in each])
+            self.mean = np.concatenate([mean for *_, mean in each])
             self.opl, self.amplitude = np.array([group.worst[:, :2, 0] for group in self._groups]).max(axis=0).T
         rest = self._groups[0 if self._shared else self._middle]
         first = 2 * (count if self._shared else 1)

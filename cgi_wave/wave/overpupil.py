@@ -253,14 +253,17 @@ def _parts(ghost: _Ghost, near: PupilField, tol: float) -> Iterator[PupilField]:
     if not inside.any():
         return
     first = _Part(*bounding_disc(ghost.rays.p[inside], _reach(ghost.rays.p), len(ghost.rays.p)), ())
-    waiting = [(first, ghost.rays if inside.mean() >= REUSED else None)]
+    known = ghost.rays if inside.mean() >= REUSED else None
+    waiting = [first]
     made = 1
     while waiting:
-        part, rays = waiting.pop()
+        part = waiting.pop()
         last = made >= PARTS
         best: tuple[float, PupilField | None] = np.inf, None
         for count, degrees in ((SURVEY, FINE_DEGREES), (MORE, HIGH_DEGREES)):
-            if rays is None or count != SURVEY:
+            if known is not None:
+                rays, known = known, None
+            else:
                 rays = _settle(ghost.trace, part.centre, part.half, count, partial(_lit, near=near, cuts=part.cuts))
             inside = _lit(rays, near, part.cuts)
             field, misfit, refused = _product(
@@ -281,7 +284,7 @@ def _parts(ghost: _Ghost, near: PupilField, tol: float) -> Iterator[PupilField]:
         for side in (-1.0, 1.0):
             cut = _Cut(axis, float(np.median(at[:, axis])), side)
             there = at[cut.clearance(at) > 0.0]
-            waiting.append((_Part(*bounding_disc(there, _reach(rays.p), len(rays.p)), (*part.cuts, cut)), None))
+            waiting.append(_Part(*bounding_disc(there, _reach(rays.p), len(rays.p)), (*part.cuts, cut)))
         made += 1
 
 
