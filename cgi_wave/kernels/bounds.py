@@ -93,7 +93,11 @@ def in_light(values, disc, residual):
     for k in np.argsort(-low):
         if left < 3:
             break
-        if cuts[k]:
+        worst = 0.0
+        for j in range(rows):
+            if kept[j] and j != k:
+                worst = max(worst, residual[j])
+        if cuts[k] or low[k] <= residual[k] + 2.0 * worst:
             continue
         least, step = np.inf, 0.0
         own = values[k]
@@ -114,10 +118,6 @@ def in_light(values, disc, residual):
                     change = own[i - 1, j] - own[i, j]
                     least = min(least, own[i, j] + rest[i, j] / (rest[i, j] - rest[i - 1, j]) * change)
                     step = max(step, abs(change))
-        worst = 0.0
-        for j in range(rows):
-            if kept[j] and j != k:
-                worst = max(worst, residual[j])
         if least > residual[k] + 2.0 * worst + 0.5 * step:
             kept[k] = False
             left -= 1

@@ -15,7 +15,7 @@ from cgi_wave.wave.region import Support
 
 MARGIN = 1.5  # sample spacings beyond the lit samples within which the true boundary must lie
 MANY = 4  # clearances beyond which shadowed ones are looked for
-SHADOW_GRIDS = 41, 121  # points per axis for that: most are plain on the first grid, for a ninth of the price
+SHADOW_GRIDS = 41, 101  # points per axis for that: most are plain on the first grid, for a sixth of the price
 TANGENTS, INWARD = 16, 0.5  # tangents of the lit samples; those matter that cut the domain by this many spacings
 FENCE_GRID = 61  # points per axis on which clearances are looked at beyond a tangent
 METHOD = "polynomial pupil field"
@@ -42,14 +42,11 @@ def cutting(extent: Array, worst: Array, coef: Array, x: Array, spacing: float) 
 def unshadowed(support: Support) -> Support:
     """Without clearances that stay positive wherever all others are: every one costs the boundary search.
 
-    Only beams with more than MANY of them are worth it, a finer grid only those that have them still. On a grid, all
-    clearances but one show a region; the one has to exceed, at its nodes and where lines of the grid leave it, the
-    residuals and half of what it changes by from one node to the next there. They go one by one, the most positive
-    first.
+    Only beams with more than MANY of them are worth it. On a grid, all clearances but one show a region; the one has to
+    exceed, at its nodes and where lines of the grid leave it, the residuals and half of what it changes by from one
+    node to the next there. They go one by one, the most positive first.
     """
-    for count in SHADOW_GRIDS:
-        if len(support.clearance) <= MANY:
-            break
+    for count in SHADOW_GRIDS if len(support.clearance) > MANY else ():
         axis, _, _ = _grid(count)
         # The domain's own edge bounds what the polynomials are asked for.
         disc = 1.0 - axis[:, None] ** 2 - axis[None, :] ** 2
