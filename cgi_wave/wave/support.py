@@ -15,7 +15,7 @@ from cgi_wave.wave.region import Support
 
 MARGIN = 1.5  # sample spacings beyond the lit samples within which the true boundary must lie
 MANY = 4  # clearances beyond which shadowed ones are looked for
-SHADOW_GRIDS = 41, 101  # points per axis for that: most are plain on the first grid, for a sixth of the price
+SHADOW_GRIDS = 41, 81  # points per axis for that: most are plain on the first grid, for a quarter of the price
 TANGENTS, INWARD = 16, 0.5  # tangents of the lit samples; those matter that cut the domain by this many spacings
 FENCE_GRID = 61  # points per axis on which clearances are looked at beyond a tangent
 METHOD = "polynomial pupil field"
