@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.polynomials import BATCH, JIT, horner, on_rays, powers
+from cgi_wave.kernels.polynomials import BATCH, JIT, gradient, horner, on_rays, powers
 
 GAUSS = BATCH  # nodes of a panel, whose rays are computed together
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
@@ -257,8 +257,50 @@ def _code(count, which):
 
 @njit(**JIT)
 def _signature(clear, ellipses, theta, ends, which, between):
-    """``_code`` of the ray at theta."""
-    return _code(cast(clear, ellipses, theta, ends, which, between), which)
+    """(``_code`` of the ray at theta, the number of its intervals)."""
+    count = cast(clear, ellipses, theta, ends, which, between)
+    return _code(count, which), count
+
+
+@njit(**JIT)
+def _meeting(clear, ends, which, count, theta):
+    """Where two rays' intervals are bounded by different clearances: (angle at which these meet, half a width).
+
+    ends, which (2, I, 2), count, theta (2,): intervals of both rays. By Newton's method on both clearances, from the
+    point between the rays. Within the width two boundaries may be one to _TIE. NaN where nothing is found.
+    """
+    if count[0] != count[1]:
+        return math.nan, math.nan
+    for j in range(count[0]):
+        for e in range(2):
+            first, second = which[0, j, e], which[1, j, e]
+            if first == second:
+                continue
+            if first < 0 or second < 0:
+                return math.nan, math.nan
+            x = 0.5 * (ends[0, j, e] * math.cos(theta[0]) + ends[1, j, e] * math.cos(theta[1]))
+            y = 0.5 * (ends[0, j, e] * math.sin(theta[0]) + ends[1, j, e] * math.sin(theta[1]))
+            for _ in range(12):
+                v0, gx0, gy0 = gradient(clear[first], x, y)
+                v1, gx1, gy1 = gradient(clear[second], x, y)
+                det = gx0 * gy1 - gx1 * gy0
+                if det == 0.0:
+                    break
+                dx, dy = (v0 * gy1 - v1 * gy0) / det, (v1 * gx0 - v0 * gx1) / det
+                x, y = x - dx, y - dy
+                size = math.hypot(x, y)
+                if not math.hypot(dx, dy) < size:
+                    break
+                if math.hypot(dx, dy) <= 1e-15 * size:
+                    along0, along1 = gx0 * x + gy0 * y, gx1 * x + gy1 * y
+                    if along0 == 0.0 or along1 == 0.0:
+                        break
+                    apart = abs((gy0 * x - gx0 * y) / along0 - (gy1 * x - gx1 * y) / along1) * size  # of dr/dθ
+                    angle = math.atan2(y, x)
+                    angle += 2.0 * math.pi * math.ceil((theta[0] - angle) / (2.0 * math.pi))
+                    return angle, 2.0 * _TIE / max(apart, 1e-300) + 1e-15
+            return math.nan, math.nan
+    return math.nan, math.nan
 
 
 @njit(**JIT)
@@ -337,7 +379,8 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
                 continue
             place = _closest(clear, ellipses, theta - 2.0 * step, theta, j, here, ends, which, between)
             if start < place < start + 2.0 * math.pi:
-                rays[more], code[more] = place, _signature(clear, ellipses, place, ends, which, between)
+                rays[more] = place
+                code[more], _ = _signature(clear, ellipses, place, ends, which, between)
                 more += 1
     order = np.argsort(rays[:more])
     return rays[order], code[order]
@@ -345,38 +388,53 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
 
 @njit(**JIT)
 def find_breaks(clear, ellipses, scan, limit):
-    """Angles where the boundary is not smooth, found on `scan` rays and bisected to rounding.
+    """Angles where the boundary is not smooth, found on `scan` rays, by Newton's method or bisected to rounding.
 
-    Returns angles (B,), ascending, within one turn. B = limit + 1 says that there are more than
-    `limit`, or that a ray has more than eight intervals.
+    Returns angles (B,), ascending, within one turn, and whether the number of intervals changes at each (B,). B =
+    limit + 1 says that there are more than `limit`, or that a ray has more than eight intervals.
     """
-    ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
-    angles, found, between = np.zeros(limit + 1), 0, np.empty(2)
+    ends, which = np.empty((2, MAX_INTERVALS, 2)), np.empty((2, MAX_INTERVALS, 2), np.int64)
+    angles, changes, between = np.zeros(limit + 1), np.zeros(limit + 1, np.bool_), np.empty(2)
     start = 0.1234  # no ray along an axis, where symmetric pupils have their corners
-    rays, codes = _scan_rays(clear, ellipses, scan, start, ends, which, between)
+    rays, codes = _scan_rays(clear, ellipses, scan, start, ends[0], which[0], between)
+    side, count, found = np.empty(2), np.empty(2, np.int64), 0
     left, code_left = rays[0], codes[0]
     for ray in range(1, rays.size):
         right, code_right = rays[ray], codes[ray]
         while code_left != code_right:
             lo, hi, code_hi = left, right, code_right
-            for _ in range(60):
-                mid = 0.5 * (lo + hi)
-                if hi - lo <= _SHARP:
-                    break
-                code_mid = _signature(clear, ellipses, mid, ends, which, between)
-                if code_mid == code_left:
-                    lo = mid
-                else:
-                    hi, code_hi = mid, code_mid
+            side[0], side[1] = lo, hi
+            for e in range(2):
+                count[e] = cast(clear, ellipses, side[e], ends[e], which[e], between)
+            count_lo, count_hi = count[0], count[1]
+            place, width = _meeting(clear, ends, which, count, side)
+            met = lo < place - width and place + width < hi and width < 1e-9
+            if met:
+                before, _ = _signature(clear, ellipses, place - width, ends[0], which[0], between)
+                after, count_after = _signature(clear, ellipses, place + width, ends[0], which[0], between)
+                met = before == code_left and after != code_left
+                if met:
+                    hi, code_hi, count_hi = place + width, after, count_after
+            if not met:
+                for _ in range(60):
+                    place = 0.5 * (lo + hi)
+                    if hi - lo <= _SHARP:
+                        break
+                    middle, count_middle = _signature(clear, ellipses, place, ends[0], which[0], between)
+                    if middle == code_left:
+                        lo = place
+                    else:
+                        hi, code_hi, count_hi = place, middle, count_middle
+                place = hi
             if found == limit or code_hi < 0 or code_left < 0:
-                return angles
-            angles[found] = hi
+                return angles, changes
+            angles[found], changes[found] = place, count_lo != count_hi
             found += 1
             left, code_left = hi, code_hi
         left = right
     if code_left < 0:
-        return angles
-    return angles[:found].copy()
+        return angles, changes
+    return angles[:found].copy(), changes[:found].copy()
 
 
 @njit(**JIT)

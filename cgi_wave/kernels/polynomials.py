@@ -33,6 +33,21 @@ def slope_at(c, x):
 
 
 @njit(**JIT)
+def gradient(c, x, y):
+    """(value, derivatives by x and by y) at a point of a polynomial (n, n)."""
+    n, gx, gy, value = c.shape[0], 0.0, 0.0, 0.0
+    for i in range(n - 1, -1, -1):
+        row, slope = 0.0, 0.0
+        for j in range(n - 1 - i, -1, -1):
+            slope = slope * y + row
+            row = row * y + c[i, j]
+        gx = gx * x + value
+        value = value * x + row
+        gy = gy * x + slope
+    return value, gx, gy
+
+
+@njit(**JIT)
 def taylor(c, x, out):
     """Taylor coefficients of the polynomial c at x."""
     n = c.shape[0]

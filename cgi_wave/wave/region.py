@@ -124,7 +124,7 @@ def find_region(supports: Sequence[Support]) -> Region | None:
 
 
 def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
-    """Angle ranges (theta0, theta1) between corners, and whether their ends are corners (not so for a full turn).
+    """Angle ranges (theta0, theta1) between corners, and whether the number of intervals changes at one of their ends.
 
     Two levels share a search, so that a corner that the coarse one missed is found before the fine one is believed.
     """
@@ -132,14 +132,14 @@ def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
 
 
 def segments(region: Region) -> tuple[Array, NDArray[np.bool_]]:
-    """``_segments`` of the coarsest levels as arrays: angle ranges (B, 2), and whether their ends are corners (B,)."""
+    """``_segments`` of the coarsest levels as arrays: (B, 2) and (B,)."""
     found = _segments(region, 0)
     return np.array([span for span, _ in found]), np.array([cornered for _, cornered in found])
 
 
 @lru_cache(maxsize=8)
 def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
-    angles = outline.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
+    angles, changes = outline.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
     if angles.size > _BREAK_LIMIT:
         raise MethodLimitError(
             METHOD,
@@ -150,7 +150,8 @@ def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
     if angles.size == 0:
         return [(np.array([0.0, 2.0 * np.pi]), False)]
     ends = np.append(angles, angles[0] + 2.0 * np.pi)
-    return [(ends[b : b + 2], True) for b in range(angles.size) if ends[b + 1] - ends[b] > 1e-13]
+    turning = changes | np.roll(changes, -1)
+    return [(ends[b : b + 2], bool(turning[b])) for b in range(angles.size) if ends[b + 1] - ends[b] > 1e-13]
 
 
 @dataclass(frozen=True, eq=False)
