@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from cgi_wave.kernels.descent import (
+    EXACT,
     GAUSS,
     I2PI,
     W16,
@@ -31,12 +32,15 @@ from cgi_wave.kernels.polynomials import (
     slope_at,
     taylors,
 )
+from cgi_wave.kernels.series import MOST, distance, far_amplitudes, terms_for
 from cgi_wave.kernels.turns import FAST, half_turn
 
 CYCLES = 3.0  # phase per Gauss panel
 SPAN_CYCLES = 1.75  # the same across the area, where the phase is less even
 PIECES = 600  # pieces of one boundary panel before another mode, or a smaller box, is tried
 DEPTH = 26  # halvings of a boundary panel
+RULES = 0.002  # part of a panel's tolerance that the amplitudes at its nodes may miss
+ROUGHEST = 1e-6  # of them, where so little is asked for
 OK, DEEP, CROWDED = 0, 1, 2
 DIRECT_MODE, RADIAL_MODE, SADDLE_MODE, SLOPE_MODE, CURVE_MODE = 0, 1, 2, 3, 4
 NEAR, RIGHT, LEFT = 0, 1, -1
@@ -206,16 +210,49 @@ def _amplitudes(a, b, w, mode, power, place, als, bls, wls):
 
 
 @njit(**JIT)
-def _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws):
+def _far(lines, tangents, place, als, bls, wls, values, tol, work, ws):
+    """``_values`` of nodes that are all beyond the stationary point: by one series, or else by steepest descent.
+
+    tangents (n or more, 16), work (6, n, 16): working space. Errors allowed are a small part of ``tol`` each.
+    """
+    n, nearest, largest = lines.shape[1], 1e300, 0.0
+    taylors(lines, place[0], tangents)
+    for i in range(GAUSS):
+        slope, x = tangents[1, i], place[0, i]
+        if slope == 0.0:
+            return False
+        nearest = min(nearest, distance(slope, tangents[2, i], tangents[3, i]))
+        largest = max(largest, abs(horner(als[i], x) * horner(bls[i], x) / slope * place[2, i]))
+        values[0, i] = tangents[0, i]
+    allowed = min(max(RULES * 2.0 * math.pi * tol / max(largest, 1e-300), EXACT), ROUGHEST)
+    terms, missed = terms_for(nearest, allowed)
+    if terms > 0:
+        found = far_amplitudes(tangents, als, bls, wls, place[0], terms, nearest, work, values[1:])
+        if found <= 4.0 * allowed:
+            for q in range(4 if wls.shape[1] > 0 else 2):
+                for i in range(GAUSS):
+                    values[1 + q, i] *= place[2, i]
+            ws[15, 0] = max(ws[15, 0], found, missed)
+            return True
+    c = ws[4][:n]
+    for i in range(GAUSS):
+        for k in range(n):
+            c[k] = tangents[k, i]
+        e0, e1, ok = descent_from(c, als[i], bls[i], wls[i], place[0, i], allowed, ws)
+        if not ok:
+            return False
+        values[1, i], values[2, i] = e0.real * place[2, i], e0.imag * place[2, i]
+        values[3, i], values[4, i] = e1.real * place[2, i], e1.imag * place[2, i]
+    return True
+
+
+@njit(**JIT)
+def _values(mode, lines, place, als, bls, wls, values, ws):
     """Phase and amplitudes (5, 16) of Φ dy at the nodes; False where the asymptotic regime is not reached.
 
-    values: phase in cycles; Re and Im of the amplitude; the same times the further factor. tangents (16, n): working
-    space.
+    values: phase in cycles; Re and Im of the amplitude; the same times the further factor.
     """
     out = np.zeros(4)
-    far = not (mode == DIRECT_MODE or mode == CURVE_MODE or whole == NEAR)
-    if far:
-        taylors(lines, place[0], tangents)
     for i in range(GAUSS):
         fl, x, at = lines[i], place[0, i], place[3, i]
         al, bl, wl = als[i], bls[i], wls[i]
@@ -224,7 +261,7 @@ def _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws):
         if mode == DIRECT_MODE:
             turns = steepest_slope(fl, min(0.0, x), max(0.0, x)) * abs(x)
             add_span(fl, al, bl, wl, 0.0, x, 1 + int(turns / SPAN_CYCLES), 0.0, out, ws)
-        elif mode == CURVE_MODE or whole == NEAR:
+        else:
             if math.isnan(at):
                 return False
             values[0, i] = horner(fl, at)
@@ -234,12 +271,6 @@ def _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws):
                 ok = from_far(fl, al, bl, wl, at, x, values[0, i], out, ws)
             if not ok:
                 return False
-        else:
-            values[0, i] = horner(fl, x)
-            e0, e1, ok = descent_from(tangents[i], al, bl, wl, x, ws)
-            if not ok:
-                return False
-            out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
         for q in range(4):
             values[1 + q, i] = out[q] * place[2, i]
     return True
@@ -357,7 +388,8 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
     """
     n, m = f.shape[0], a.shape[0]
     als, bls, wls = np.empty((GAUSS, m + 1)), np.empty((GAUSS, m + 1)), np.empty((GAUSS, w.shape[0]))
-    most, line, tangents = max(n, m, w.shape[0]), np.empty(n), np.empty((GAUSS, n))
+    most, line, tangents = max(n, m, w.shape[0]), np.empty(n), np.empty((max(n, MOST + 2), GAUSS))
+    work = np.empty((6, MOST + 2, GAUSS))
     cosines = np.empty((most, GAUSS))
     ends, level = np.empty((DEPTH + 4, 2)), np.empty(DEPTH + 4, np.int64)
     ends[0, 0], ends[0, 1], level[0] = -1.0, 1.0, 0
@@ -385,7 +417,10 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
             cut = _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line)
         else:
             _amplitudes(a, b, w, mode, cosines, place, als, bls, wls)
-            values_found = _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws)
+            if mode == DIRECT_MODE or mode == CURVE_MODE or whole == NEAR:
+                values_found = _values(mode, lines, place, als, bls, wls, values, ws)
+            else:
+                values_found = _far(lines, tangents, place, als, bls, wls, values, tol, work, ws)
         if one and not values_found:
             # nodes that reach neither regime: only a smaller part of the boundary may
             if mode == CURVE_MODE or hi - lo < 1e-3:
