@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,11 @@ class Support:
     scale: Array
     clearance: Array
     residual: Array
+
+    @cached_property
+    def trimmed(self) -> Array:
+        """``clearance`` without the powers that none of them has."""
+        return trimmed(self.clearance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,21 +111,18 @@ class Integral:
 def find_region(supports: Sequence[Support]) -> Region | None:
     """The common region of the supports, or None when they do not meet (slivers down to 1e-7 of the box are found)."""
     centre, scale = np.array([s.centre for s in supports]), np.array([s.scale for s in supports])
-    polynomials = [trimmed(s.clearance) for s in supports]
+    polynomials = [s.trimmed for s in supports]
     most = max(p.shape[-1] for p in polynomials)
     stacked, owner = np.zeros((sum(map(len, polynomials)), most, most)), list[int]()
     for number, polynomial in enumerate(polynomials):
         size = polynomial.shape[-1]
         stacked[len(owner) : len(owner) + len(polynomial), :size, :size] = polynomial
         owner += [number] * len(polynomial)
-    pivot, frame, extent, keep = survey.survey(stacked, np.array(owner, np.int64), centre, scale)
+    pivot, frame, extent, keep, powers, ellipses = survey.common(stacked, np.array(owner, np.int64), centre, scale)
     if extent.size == 0:
         return None
-    n = max(s.clearance.shape[-1] for s in supports)
-    clearance = np.concatenate([expand(s.clearance, s.centre, s.scale, pivot, frame, n) for s in supports])
-    ellipses = np.column_stack([(centre - pivot) / frame, scale / frame])
-    residual = np.concatenate([s.residual for s in supports])
-    return Region(pivot, frame, trimmed(clearance[keep]), residual[keep], ellipses, extent, n)
+    residual = np.concatenate([s.residual for s in supports])[keep]
+    return Region(pivot, frame, powers, residual, ellipses, extent, max(s.clearance.shape[-1] for s in supports))
 
 
 def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
