@@ -1,4 +1,4 @@
-"""The outline of a pupil region: where rays from a pivot cross its boundary, where that has corners, its curves.
+"""The outline of a pupil region: where rays from a pivot cross its boundary, and where that has corners.
 
 The region is {all clearances > 0}, bounded by polynomials. Along a ray from the pivot (the origin of the frame used
 here) every bivariate polynomial becomes a univariate one. A ray may meet the region in any number of intervals: stars,
@@ -22,10 +22,6 @@ GAUSS = BATCH  # nodes of a panel, whose rays are computed together
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
 GX = 0.5 * (_X16 + 1.0)  # nodes and weights on (0, 1)
 GW = 0.5 * _W16
-_TO_CHEB = np.linalg.inv(np.polynomial.chebyshev.chebvander(_X16, GAUSS - 1))
-_TO_POWER = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
-for _k in range(GAUSS):
-    _TO_POWER[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
 _TIE = 1e-12  # two boundaries closer than this (frame units) are the same boundary; what lies between them is counted
 _CLOSE = 0.05  # share of its own curvature below which a gap between boundaries is followed to its least width
 _SHARP = 1e-13  # rad to which a corner's angle is found: what _TIE leaves of it
@@ -51,7 +47,7 @@ def restrict(coef, theta, out):
 
 
 @njit(**JIT)
-def _restrict_many(coef, cosine, sine, power, out):
+def restrict_many(coef, cosine, sine, power, out):
     """``restrict`` for BATCH rays: out (BATCH, P, n); power (n, BATCH) is working space."""
     powers(cosine, power)
     for p in range(coef.shape[0]):
@@ -181,7 +177,7 @@ def _reach(ellipses, theta):
 
 
 @njit(**JIT)
-def _crossings(poly, ellipses, theta, at, owner):
+def crossings(poly, ellipses, theta, at, owner):
     """Where one ray crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
 
     poly (K, n): the clearances along the ray.
@@ -201,7 +197,7 @@ def _crossings(poly, ellipses, theta, at, owner):
 
 
 @njit(**JIT)
-def _intervals(poly, at, owner, found, ends, which, between):
+def intervals_of(poly, at, owner, found, ends, which, between):
     """Intervals of one ray inside the region, from its crossings: see ``cast``."""
     between[0] = between[1] = 0.0
     intervals, inside, x0, k0, i = 0, False, 0.0, -1, 0
@@ -239,8 +235,8 @@ def cast(clear, ellipses, theta, ends, which, between):
     count_k, n = clear.shape[0], clear.shape[1]
     poly, at, owner = np.empty((count_k, n)), np.empty(count_k * n + 1), np.empty(count_k * n + 1, np.int64)
     restrict(clear, theta, poly)
-    found = _crossings(poly, ellipses, theta, at, owner)
-    return _intervals(poly, at, owner, found, ends, which, between)
+    found = crossings(poly, ellipses, theta, at, owner)
+    return intervals_of(poly, at, owner, found, ends, which, between)
 
 
 @njit(**JIT)
@@ -291,7 +287,7 @@ def _meeting(clear, ends, which, count, theta):
                 size = math.hypot(x, y)
                 if not math.hypot(dx, dy) < size:
                     break
-                if math.hypot(dx, dy) <= 1e-15 * size:
+                if math.hypot(dx, dy) <= 1e-9 * size:  # what a further step would leave is about the square
                     along0, along1 = gx0 * x + gy0 * y, gx1 * x + gy1 * y
                     if along0 == 0.0 or along1 == 0.0:
                         break
@@ -318,8 +314,8 @@ def _closest(clear, ellipses, lo, hi, j, code, ends, which, between):
         for e in range(2):
             if np.isnan(gap[e]):
                 restrict(clear, inner[e], poly)
-                found = _crossings(poly, ellipses, inner[e], at, owner)
-                count = _intervals(poly, at, owner, found, ends, which, between)
+                found = crossings(poly, ellipses, inner[e], at, owner)
+                count = intervals_of(poly, at, owner, found, ends, which, between)
                 if _code(count, which) != code:
                     return inner[e]
                 gap[e] = at[j + 1] - at[j] if j + 1 < found else np.inf
@@ -356,9 +352,9 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
         if (s + 1) % BATCH == 0:
             for r in range(BATCH):
                 cosine[r], sine[r] = math.cos(start + (s + r) * step), math.sin(start + (s + r) * step)
-            _restrict_many(clear, cosine, sine, power, lines)
-        found[now] = _crossings(poly, ellipses, theta, at[now], owner[now])
-        here = _code(_intervals(poly, at[now], owner[now], found[now], ends, which, between), which)
+            restrict_many(clear, cosine, sine, power, lines)
+        found[now] = crossings(poly, ellipses, theta, at[now], owner[now])
+        here = _code(intervals_of(poly, at[now], owner[now], found[now], ends, which, between), which)
         if s >= 0:
             rays[s], code[s] = theta, here
         if s < 1 or not found[now] == found[before] == found[first]:
@@ -438,89 +434,33 @@ def find_breaks(clear, ellipses, scan, limit):
 
 
 @njit(**JIT)
-def warp(t, cornered):
-    """Map (0, 1) to itself, with a vanishing slope at both ends when they are corners; returns value and slope.
+def warp(t, turning):
+    """Map (0, 1) to itself, with a vanishing slope at both ends of a range that turns; returns value and slope.
 
-    Interval ends move like a square root where a ray is tangent to the boundary, and nearly so close to there.
+    Interval ends move like a square root where a ray is tangent to the boundary, which is where their number changes.
     """
-    if cornered:
+    if turning:
         return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
     return t, 1.0
 
 
 @njit(**JIT)
-def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
-    """Boundary of the region within one angle range as smooth curves, the region to their left.
+def spans(clear, ellipses, scan, limit):
+    """Angle ranges (B, 2) between places where the boundary is not smooth, and whether they turn (B,): ``warp``.
 
-    Returns (curves (C, 2, 16): powers of s in [-1, 1] of x(s) and y(s); owner (C,): the clearance that is 0 on each,
-    or −2 for a domain; missed: largest of the series' last terms and of the gaps between boundaries taken as one, in
-    frame units). Pieces are halved until the series end below tolerance. No curves and missed = inf: more than `limit`
-    curves, or a number of intervals that changes inside the range.
+    A range turns if the number of intervals changes at one of its ends. None, with more than ``limit`` such places:
+    these are the third.
     """
-    out, owner = np.empty((limit, 2, GAUSS)), np.empty(limit, np.int64)
-    ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
-    at = np.empty((GAUSS, MAX_INTERVALS, 2, 2))
-    count_k, n = clear.shape[0], clear.shape[1]
-    size = count_k * n + 1
-    crossing, whose = np.empty(size), np.empty(size, np.int64)
-    lines, theta, cosine, sine = np.empty((GAUSS, count_k, n)), np.empty(GAUSS), np.empty(GAUSS), np.empty(GAUSS)
-    power = np.empty((n, BATCH))
-    side, between = np.empty((MAX_INTERVALS, 2), np.int64), np.empty(2)
-    pieces = np.empty((64, 2))
-    pieces[0, 0], pieces[0, 1] = 0.0, 1.0
-    top, found, missed, width = 1, 0, 0.0, span[1] - span[0]
-    series = np.empty((2, GAUSS))
-    while top > 0:
-        top -= 1
-        t0, t1, count = pieces[top, 0], pieces[top, 1], -1
-        for g in range(GAUSS):
-            theta[g] = span[0] + width * warp(t0 + (t1 - t0) * GX[g], cornered)[0]
-            cosine[g], sine[g] = math.cos(theta[g]), math.sin(theta[g])
-        _restrict_many(clear, cosine, sine, power, lines)
-        for g in range(GAUSS):
-            found_here = _crossings(lines[g], ellipses, theta[g], crossing, whose)
-            here = _intervals(lines[g], crossing, whose, found_here, ends, which, between)
-            if here < 0 or (count >= 0 and here != count):
-                return out[:0], owner[:0], np.inf
-            count, missed = here, max(missed, between[0])
-            for j in range(count):
-                for e in range(2):
-                    side[j, e] = which[j, e]
-                    at[g, j, e, 0], at[g, j, e, 1] = ends[j, e] * cosine[g], ends[j, e] * sine[g]
-        worst = 0.0
-        for j in range(count):
-            for e in range(2):
-                for axis in range(2):
-                    for k in range(GAUSS - 3, GAUSS):
-                        total = 0.0
-                        for g in range(GAUSS):
-                            total += _TO_CHEB[k, g] * at[g, j, e, axis]
-                        worst = max(worst, abs(total))
-        if worst > tolerance and t1 - t0 > 1e-3:
-            if top + 2 > pieces.shape[0]:
-                return out[:0], owner[:0], np.inf
-            pieces[top, 0], pieces[top, 1] = t0, 0.5 * (t0 + t1)
-            pieces[top + 1, 0], pieces[top + 1, 1] = 0.5 * (t0 + t1), t1
-            top += 2
-            continue
-        missed = max(missed, worst)
-        for j in range(count):
-            for e in range(2):
-                if side[j, e] == -1:
-                    continue  # the pivot: a point, not a boundary
-                if found == limit:
-                    return out[:0], owner[:0], np.inf
-                for axis in range(2):
-                    for k in range(GAUSS):
-                        series[axis, k] = 0.0
-                        for g in range(GAUSS):
-                            series[axis, k] += _TO_CHEB[k, g] * at[g, j, e, axis]
-                    for k in range(GAUSS):
-                        total = 0.0
-                        for q in range(k, GAUSS):
-                            total += _TO_POWER[k, q] * series[axis, q]
-                        # outer ends run with growing angle, inner ones against it
-                        out[found, axis, k] = total if e == 1 or k % 2 == 0 else -total
-                owner[found] = side[j, e]
+    angles, changes = find_breaks(clear, ellipses, scan, limit)
+    count = angles.size
+    if count == 0:
+        return np.array([[0.0, 2.0 * math.pi]]), np.zeros(1, np.bool_), 0
+    out, turning, found = np.empty((count, 2)), np.empty(count, np.bool_), 0
+    if count <= limit:
+        for b in range(count):
+            start, stop = angles[b], angles[b + 1] if b + 1 < count else angles[0] + 2.0 * math.pi
+            if stop - start > _SHARP:
+                out[found, 0], out[found, 1] = start, stop
+                turning[found] = changes[b] or changes[(b + 1) % count]
                 found += 1
-    return out[:found].copy(), owner[:found].copy(), missed
+    return out[:found], turning[:found], count

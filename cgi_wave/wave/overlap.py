@@ -34,6 +34,7 @@ from cgi_wave.wave.stokes import NO_FACTOR, boundary_integral
 FEW_WAVES, MANY_TONES = 12.0, 4
 CURVES = 1e-3  # error of the boundary's curves, frame units, for a tolerance of 1
 NODE_LIMIT = 129  # wavenumbers at which one pair may be computed
+_ONE = np.ones((1, 1))
 _TINY = 1e-3  # |value| below which the slope is the plain mean: the weighted one loses its meaning
 
 
@@ -84,24 +85,39 @@ class _Pair:
 
 
 def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair:  # noqa: E741
-    n = region.terms
-
-    def in_frame(field: PupilField, coef: Array) -> Array:
-        return expand(coef, field.support.centre, field.support.scale, region.pivot, region.frame, n)
-
-    def at(field: PupilField, coef: Array, weights: Array) -> Array:
-        powers = in_frame(field, coef)
-        return (weights @ powers.reshape(len(powers), -1)).reshape(-1, n, n)
-
-    weights_m, weights_l = m.weights(sigma), l.weights(sigma)
-    path = at(m, m.opl, weights_m) - at(l, l.opl, weights_l)
+    weights, n = (_weights(m, sigma), _weights(l, sigma)), region.terms
+    path, a = _in_frame(m, weights[0], region)
+    path_l, b = _in_frame(l, weights[1], region)
+    path -= path_l
     opd_m = path[:, 0, 0].copy()
     path[:, 0, 0] = 0.0
-    alike = m.space == "direction" and m.bend == 0.0
-    steer = None if alike else in_frame(m, m.direction[1]) - in_frame(l, l.direction[1])
-    a, b = at(m, m.amplitude, weights_m), at(l, l.amplitude, weights_l)
-    powers = m.power_at(sigma), l.power_at(sigma)
-    return _Pair(region, path * sigma[:, None, None], opd_m, a, b, steer, np.sqrt(powers[0] * powers[1]), powers)
+    path *= sigma[:, None, None]
+    steer = None
+    if m.space != "direction" or m.bend != 0.0:
+        directions = [
+            expand(f.direction[1], f.support.centre, f.support.scale, region.pivot, region.frame, n) for f in (m, l)
+        ]
+        steer = directions[0] - directions[1]
+    powers = tuple(((w @ f.power_gram) * w).sum(axis=1) for f, w in zip((m, l), weights, strict=True))
+    return _Pair(region, path, opd_m, a, b, steer, np.sqrt(powers[0] * powers[1]), (powers[0], powers[1]))
+
+
+def _weights(field: PupilField, sigma: Array) -> Array:
+    """``field.weights``, without the search where a field of one wavenumber is asked for at that."""
+    if field.sigma.size == sigma.size == 1 and field.sigma[0] == sigma[0]:
+        return _ONE
+    return field.weights(sigma)
+
+
+def _in_frame(field: PupilField, weights: Array, region: Region) -> tuple[Array, Array]:
+    """Path length and amplitude (T, n, n) of a field as powers of a region's frame; weights (T, S)."""
+    support, n = field.support, region.terms
+    both = np.concatenate((field.opl, field.amplitude))
+    powers = expand(both, support.centre, support.scale, region.pivot, region.frame, n)
+    if weights is _ONE:
+        return powers[:1], powers[1:]
+    found = weights @ powers.reshape(2, weights.shape[1], n * n)
+    return found[0].reshape(-1, n, n), found[1].reshape(-1, n, n)
 
 
 def _check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
-from cgi_wave.kernels import enclosed, outline, pupil, survey
+from cgi_wave.kernels import curves, enclosed, outline, pupil, survey
 from cgi_wave.wave.basis import Array, expand
 
 METHOD = "boundary-fitted Gauss panels"
@@ -24,6 +24,7 @@ FIRST_CYCLES, FIRST_TURN, REFINEMENT = 5.0, 1.6, 1.5  # phase (cycles) and turni
 _LEVELS = 8
 _BREAK_LIMIT = 200
 _SCANS = (120, 240, 480)  # rays on which the boundary's corners are looked for, per level
+_MOST_CURVES = 512
 _CURVES = 1e-13, 1e-9  # frame units: the finest and the coarsest curves that are asked for
 
 
@@ -125,35 +126,30 @@ def find_region(supports: Sequence[Support]) -> Region | None:
     return Region(pivot, frame, powers, residual, ellipses, extent, max(s.clearance.shape[-1] for s in supports))
 
 
-def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
-    """Angle ranges (theta0, theta1) between corners, and whether the number of intervals changes at one of their ends.
+def segments(region: Region, level: int = 0) -> tuple[Array, NDArray[np.bool_]]:
+    """Angle ranges (B, 2) between corners, and whether the number of intervals changes at one of their ends (B,).
 
     Two levels share a search, so that a corner that the coarse one missed is found before the fine one is believed.
+    Raises MethodLimitError beyond _BREAK_LIMIT corners.
     """
-    return _corners(region, _SCANS[min(level // 2, len(_SCANS) - 1)])
-
-
-def segments(region: Region) -> tuple[Array, NDArray[np.bool_]]:
-    """``_segments`` of the coarsest levels as arrays: (B, 2) and (B,)."""
-    found = _segments(region, 0)
-    return np.array([span for span, _ in found]), np.array([cornered for _, cornered in found])
+    return _spans(region, _SCANS[min(level // 2, len(_SCANS) - 1)])
 
 
 @lru_cache(maxsize=8)
-def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
-    angles, changes = outline.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
-    if angles.size > _BREAK_LIMIT:
+def _spans(region: Region, scan: int) -> tuple[Array, NDArray[np.bool_]]:
+    ranges, turning, corners = outline.spans(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
+    _check_corners(corners)
+    return ranges, turning
+
+
+def _check_corners(count: int) -> None:
+    if count > _BREAK_LIMIT:
         raise MethodLimitError(
             METHOD,
             f"the boundary of the common support has more than {_BREAK_LIMIT} corners or eight pieces along a line",
-            angles.size / _BREAK_LIMIT,
+            count / _BREAK_LIMIT,
             "lower the degree of the fit or merge the apertures that nearly coincide",
         )
-    if angles.size == 0:
-        return [(np.array([0.0, 2.0 * np.pi]), False)]
-    ends = np.append(angles, angles[0] + 2.0 * np.pi)
-    turning = changes | np.roll(changes, -1)
-    return [(ends[b : b + 2], bool(turning[b])) for b in range(angles.size) if ends[b + 1] - ends[b] > 1e-13]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,21 +170,19 @@ def boundary(region: Region, tolerance: float) -> Boundary:
 
     Raises MethodLimitError when a part of the boundary cannot be followed.
     """
-    curves, owner, missed = [], [], 0.0
-    fine = float(np.clip(tolerance, *_CURVES))
-    for span, cornered in _segments(region, 0):
-        part, which, off = outline.boundary_curves(region.clearance, region.ellipses, span, cornered, fine, 512)
-        if not np.isfinite(off):
-            raise MethodLimitError(
-                METHOD,
-                f"the boundary between {span[0]:.4g} and {span[1]:.4g} rad cannot be followed",
-                1.0,
-                "lower the degree of the fit or merge the apertures that nearly coincide",
-            )
-        curves.append(part)
-        owner.append(which)
-        missed = max(missed, off)
-    return Boundary(np.concatenate(curves), np.concatenate(owner), missed)
+    fine = min(max(tolerance, _CURVES[0]), _CURVES[1])
+    found, owner, missed, corners = curves.boundary(
+        region.clearance, region.ellipses, _SCANS[0], _BREAK_LIMIT, fine, _MOST_CURVES
+    )
+    _check_corners(corners)
+    if missed == np.inf:
+        raise MethodLimitError(
+            METHOD,
+            "a part of the boundary of the common support cannot be followed",
+            1.0,
+            "lower the degree of the fit or merge the apertures that nearly coincide",
+        )
+    return Boundary(found, owner, missed)
 
 
 def _refuse(nodes: float, waves: float) -> MethodLimitError:
@@ -213,13 +207,13 @@ def build(region: Region, steering: Array, tilt: float, level: int) -> Quadratur
     cycles, turn = FIRST_CYCLES / REFINEMENT**level, FIRST_TURN / REFINEMENT**level
     rays, owner, between = [], [], 0.0
     limit = NODE_CAP // outline.GAUSS**2
-    for span, cornered in _segments(region, level):
+    for span, turning in zip(*segments(region, level), strict=True):
         breaks = pupil.angle_panels(
-            region.clearance, region.ellipses, steering, tilt, span, cornered, cycles, turn, level, limit
+            region.clearance, region.ellipses, steering, tilt, span, turning, cycles, turn, level, limit
         )
         if breaks.size == 1:
             raise _refuse(float(breaks[0]) ** 2 * outline.GAUSS**2, spread(region, steering))
-        part, ends, gaps = pupil.segment_rays(region.clearance, region.ellipses, span, cornered, breaks)
+        part, ends, gaps = pupil.segment_rays(region.clearance, region.ellipses, span, turning, breaks)
         between += gaps
         rays.append(part)
         owner.append(ends)
