@@ -46,7 +46,7 @@ def _between(clear, ellipses, span, turning, tolerance, out, owner, found):
     at = np.empty((MAX_INTERVALS, 2, 2, GAUSS))
     count_k, n = clear.shape[0], clear.shape[1]
     crossing, whose = np.empty(count_k * n + 1), np.empty(count_k * n + 1, np.int64)
-    lines, theta, cosine, sine = np.empty((GAUSS, count_k, n)), np.empty(GAUSS), np.empty(GAUSS), np.empty(GAUSS)
+    lines, cosine, sine = np.empty((GAUSS, count_k, n)), np.empty(GAUSS), np.empty(GAUSS)
     power, series = np.empty((n, GAUSS)), np.empty(GAUSS)
     side, between = np.empty((MAX_INTERVALS, 2), np.int64), np.empty(2)
     pieces, missed, width = np.empty((64, 2)), 0.0, span[1] - span[0]
@@ -57,11 +57,12 @@ def _between(clear, ellipses, span, turning, tolerance, out, owner, found):
         top -= 1
         t0, t1, count = pieces[top, 0], pieces[top, 1], -1
         for g in range(GAUSS):
-            theta[g] = span[0] + width * warp(t0 + (t1 - t0) * GX[g], turning)[0]
-            cosine[g], sine[g] = math.cos(theta[g]), math.sin(theta[g])
+            theta = span[0] + width * warp(t0 + (t1 - t0) * GX[g], turning)[0]
+            cosine[g], sine[g] = math.cos(theta), math.sin(theta)
         restrict_many(clear, cosine, sine, power, lines)
         for g in range(GAUSS):
-            found_here = crossings(lines[g], ellipses, theta[g], crossing, whose)
+            first = max(side[count - 1, 1], 0) if count > 0 else 0
+            found_here = crossings(lines[g], ellipses, cosine[g], sine[g], first, crossing, whose)
             here = intervals_of(lines[g], crossing, whose, found_here, ends, which, between)
             if here < 0 or (count >= 0 and here != count):
                 return found, np.inf

@@ -163,43 +163,51 @@ def _roots(c, top, out):
 
 
 @njit(**JIT)
-def _reach(ellipses, theta):
-    """Distance from the origin to the nearest of the domain ellipses (rows: centre x, y, semi-axes x, y)."""
-    c, s, reach = math.cos(theta), math.sin(theta), np.inf
+def _reach(ellipses, c, s):
+    """Distance from the origin to the nearest of the domain ellipses (rows: centre x, y, semi-axes x, y) along (c, s)."""
+    reach = np.inf
     for e in range(ellipses.shape[0]):
-        cx, cy, ax, ay = ellipses[e, 0], ellipses[e, 1], ellipses[e, 2], ellipses[e, 3]
-        qa = (c / ax) ** 2 + (s / ay) ** 2
-        qb = -(c * cx / ax**2 + s * cy / ay**2)
-        qc = (cx / ax) ** 2 + (cy / ay) ** 2 - 1.0
-        root = (-qb + math.sqrt(max(qb * qb - qa * qc, 0.0))) / qa
-        reach = min(reach, root)
+        cx, cy = ellipses[e, 0] / ellipses[e, 2], ellipses[e, 1] / ellipses[e, 3]
+        dx, dy = c / ellipses[e, 2], s / ellipses[e, 3]
+        qa, qb, qc = dx * dx + dy * dy, dx * cx + dy * cy, cx * cx + cy * cy - 1.0
+        reach = min(reach, (qb + math.sqrt(max(qb * qb - qa * qc, 0.0))) / qa)
     return reach
 
 
 @njit(**JIT)
-def crossings(poly, ellipses, theta, at, owner):
-    """Where one ray crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
+def crossings(poly, ellipses, c, s, first, at, owner):
+    """Where the ray (c, s) crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
 
-    poly (K, n): the clearances along the ray.
+    poly (K, n): the clearances along the ray. first: a clearance that probably ends the light; where it does, all that
+    lies beyond is left out. -1: nothing is.
     """
-    top, found = _reach(ellipses, theta), 0
-    roots = np.empty(poly.shape[1] + 1)
-    for k in range(poly.shape[0]):
-        for r in range(_roots(poly[k], top, roots)):
+    count, top, found = poly.shape[0], _reach(ellipses, c, s), 0
+    reach, roots = top, np.empty(poly.shape[1] + 1)
+    for i in range(count):
+        k = (first + i) % count if first >= 0 else i
+        number = _roots(poly[k], top, roots)
+        for r in range(number):
             j = found
             while j > 0 and at[j - 1] > roots[r]:
                 at[j], owner[j] = at[j - 1], owner[j - 1]
                 j -= 1
             at[j], owner[j] = roots[r], k
             found += 1
+        if first >= 0 and number == 1 and poly[k, 0] > 0.0:
+            top = roots[0]
+    if top < reach:
+        return found
     at[found], owner[found] = top, -2
     return found + 1
 
 
 @njit(**JIT)
 def intervals_of(poly, at, owner, found, ends, which, between):
-    """Intervals of one ray inside the region, from its crossings: see ``cast``."""
+    """Intervals of one ray inside the region, from its crossings: see ``cast``. Each changes a clearance's sign."""
     between[0] = between[1] = 0.0
+    dark = 0  # clearances that are negative here
+    for k in range(poly.shape[0]):
+        dark += poly[k, 0] < 0.0
     intervals, inside, x0, k0, i = 0, False, 0.0, -1, 0
     while i < found:
         x1, k1, j = at[i], owner[i], i
@@ -208,10 +216,7 @@ def intervals_of(poly, at, owner, found, ends, which, between):
             if owner[j] != -2:
                 k1 = min(k1, owner[j]) if k1 != -2 else owner[j]
         between[0], between[1] = max(between[0], at[j] - x1), between[1] + (at[j] - x1) * at[j]
-        mid, positive = 0.5 * (x0 + x1), x1 - x0 >= _TIE
-        for k in range(poly.shape[0]):
-            if positive and horner(poly[k], mid) <= 0.0:
-                positive = False
+        positive = dark == 0 and x1 - x0 >= _TIE
         if positive and not inside:
             if intervals == MAX_INTERVALS:
                 return -1
@@ -220,7 +225,14 @@ def intervals_of(poly, at, owner, found, ends, which, between):
         if positive:
             ends[intervals - 1, 1], which[intervals - 1, 1] = x1, k1
         inside = positive
-        x0, k0, i = x1, k1, j + 1
+        x0, k0 = x1, k1
+        while i <= j:
+            if owner[i] >= 0:
+                now = 0  # its crossings up to here
+                for q in range(i):
+                    now += owner[q] == owner[i]
+                dark += 1 if (poly[owner[i], 0] < 0.0) == (now % 2 == 1) else -1
+            i += 1
     return intervals
 
 
@@ -235,7 +247,7 @@ def cast(clear, ellipses, theta, ends, which, between):
     count_k, n = clear.shape[0], clear.shape[1]
     poly, at, owner = np.empty((count_k, n)), np.empty(count_k * n + 1), np.empty(count_k * n + 1, np.int64)
     restrict(clear, theta, poly)
-    found = crossings(poly, ellipses, theta, at, owner)
+    found = crossings(poly, ellipses, math.cos(theta), math.sin(theta), -1, at, owner)
     return intervals_of(poly, at, owner, found, ends, which, between)
 
 
@@ -314,7 +326,7 @@ def _closest(clear, ellipses, lo, hi, j, code, ends, which, between):
         for e in range(2):
             if np.isnan(gap[e]):
                 restrict(clear, inner[e], poly)
-                found = crossings(poly, ellipses, inner[e], at, owner)
+                found = crossings(poly, ellipses, math.cos(inner[e]), math.sin(inner[e]), -1, at, owner)
                 count = intervals_of(poly, at, owner, found, ends, which, between)
                 if _code(count, which) != code:
                     return inner[e]
@@ -353,7 +365,8 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
             for r in range(BATCH):
                 cosine[r], sine[r] = math.cos(start + (s + r) * step), math.sin(start + (s + r) * step)
             restrict_many(clear, cosine, sine, power, lines)
-        found[now] = crossings(poly, ellipses, theta, at[now], owner[now])
+        r = (s + 1) % BATCH
+        found[now] = crossings(poly, ellipses, cosine[r], sine[r], -1, at[now], owner[now])
         here = _code(intervals_of(poly, at[now], owner[now], found[now], ends, which, between), which)
         if s >= 0:
             rays[s], code[s] = theta, here
