@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -98,8 +100,14 @@ def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair: 
             expand(f.direction[1], f.support.centre, f.support.scale, region.pivot, region.frame, n) for f in (m, l)
         ]
         steer = directions[0] - directions[1]
-    powers = tuple(((w @ f.power_gram) * w).sum(axis=1) for f, w in zip((m, l), weights, strict=True))
-    return _Pair(region, path, opd_m, a, b, steer, np.sqrt(powers[0] * powers[1]), (powers[0], powers[1]))
+    powers = _powers(m, weights[0]), _powers(l, weights[1])
+    return _Pair(region, path, opd_m, a, b, steer, np.sqrt(powers[0] * powers[1]), powers)
+
+
+def _powers(field: PupilField, weights: Array) -> Array:
+    """(T,) power of a field where its wavenumbers have ``weights`` (T, S)."""
+    found: Array = field.power_gram[0] if weights is _ONE else ((weights @ field.power_gram) * weights).sum(axis=1)
+    return found
 
 
 def _weights(field: PupilField, sigma: Array) -> Array:
@@ -143,29 +151,30 @@ def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
     region, middle, count = pair.region, pair.phase.shape[0] // 2, pair.phase.shape[0]
     around = boundary(region, CURVES * tol)
     flat, change, unweighted = _flat(pair, around, slice(middle, middle + 1))
-    area = float(np.prod(region.frame))
+    area = region.unit
     factor = NO_FACTOR if pair.steer is None else pair.steer
     found = [
         boundary_integral(around.curves, phase, a, b, factor if t == middle else NO_FACTOR, tol * norm / area)
         for t, (phase, a, b, norm) in enumerate(zip(pair.phase, pair.a, pair.b, pair.norm, strict=True))
     ]
     error = area * np.array([f.error for f in found]) + flat.strip
-    worst = float(np.max(error / pair.norm))
+    worst = float((error / pair.norm).max())
     if worst > 2.0 * tol:
         raise MethodLimitError(
             BOUNDARY, f"error bound {worst:.2g} for a tolerance of {tol:.2g}", worst / tol, f"ask for {worst:.2g}"
         )
+    cross, aa, bb, changes = np.array([[flat.cross], [flat.aa], [flat.bb], [change]]).repeat(count, axis=1)
     return Integral(
         np.array([area * f.value for f in found], np.complex128),
-        np.full(count, flat.cross),
-        np.full(count, flat.aa),
-        np.full(count, flat.bb),
+        cross,
+        aa,
+        bb,
         area * found[middle].weighted,
         unweighted,
         flat.area,
         flat.edge,
         error,
-        np.full(count, change),
+        changes,
         max(f.nodes for f in found),
     ), BOUNDARY
 
@@ -229,13 +238,13 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6, metho
     pair = _pair(m, l, sigma, region)
     total, name = _METHODS[method](pair, tol)
     raw = total.value / pair.norm
-    value = (raw * np.exp(1j * (m.phase - l.phase))).astype(np.complex128)
+    value = raw * cmath.exp(1j * (m.phase - l.phase))
     middle = sigma.size // 2
     weighted = abs(raw[middle]) > _TINY
     slope = (
         (total.weighted / total.value[middle]).real if weighted else total.unweighted / max(total.cross[middle], 1e-300)
     )
-    share = float(np.sqrt(total.aa[middle] * total.bb[middle]) / pair.norm[middle])
+    share = math.sqrt(total.aa[middle] * total.bb[middle]) / float(pair.norm[middle])
     fit = _misfit(m, l, sigma, pair.powers, total.cross / pair.norm, np.abs(raw), total.area)
     rounding = 4e-16 * (2.0 * np.pi * np.abs(pair.phase).sum(axis=(1, 2)) + 10.0)
     error = (total.error + total.edge) / pair.norm + fit + rounding
@@ -285,7 +294,8 @@ def _misfit(
 ) -> Array:
     """(T,) what the residuals of the two fits can change: phase, amplitudes, and the powers in the normaliser."""
     phase = np.minimum(2.0 * np.pi * sigma * (m.opl_residual + l.opl_residual), 2.0) * cross
-    amplitude = sum(f.amplitude_residual * np.sqrt(area / p) for f, p in zip((m, l), powers, strict=True))
+    root = area**0.5
+    amplitude = root * (m.amplitude_residual / np.sqrt(powers[0]) + l.amplitude_residual / np.sqrt(powers[1]))
     return phase + amplitude + 0.5 * size * (m.power_error + l.power_error)
 
 

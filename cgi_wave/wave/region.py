@@ -64,6 +64,11 @@ class Region:
     extent: Array
     terms: int
 
+    @property
+    def unit(self) -> float:
+        """Area of the frame's unit square in units of u²."""
+        return float(self.frame[0] * self.frame[1])
+
 
 def trimmed(clearance: Array) -> Array:
     """Polynomials (K, n, n) without the powers that none of them has: each costs the boundary search a pass."""
@@ -249,7 +254,7 @@ def rough(region: Region, around: Boundary, a: Array, b: Array) -> Rough:
     cross, aa, bb, size, edge, rim = enclosed.enclosed(
         around.curves, around.owner, region.clearance, region.residual, a, b
     )
-    area = float(np.prod(region.frame))
+    area = region.unit
     more = 1.01 * area
     return Rough(cross * more, aa * area, bb * area, size * more, edge * more, around.missed * rim * more)
 
@@ -262,7 +267,7 @@ def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, n
     """
     middle = phase.shape[0] // 2
     steering = phase[[int(np.argmax(np.abs(phase).sum(axis=(1, 2))))]]
-    area = float(np.prod(region.frame))
+    area = region.unit
     before: tuple[Array, Array, float] | None = None
     worst = np.inf
     for level in range(_LEVELS):
