@@ -36,15 +36,18 @@ from cgi_wave.kernels.series import MOST, distance, far_amplitudes, terms_for
 from cgi_wave.kernels.turns import FAST, half_turn
 
 CYCLES = 3.0  # phase per Gauss panel
+WIDE, WIDE_CYCLES = 4 * GAUSS, 22.0  # nodes of a wide one, which takes half as many of them a cycle, and its phase
 SPAN_CYCLES = 1.75  # the same across the area, where the phase is less even
 PIECES = 600  # pieces of one boundary panel before another mode, or a smaller box, is tried
 DEPTH = 26  # halvings of a boundary panel
-RULES = 0.002  # part of a panel's tolerance that rules at its nodes may take, and so the end of its series
+RULES = 2e-4  # part of a panel's tolerance that rules at its nodes may take
+WORTH = 1e-5  # the same for the end of its series
 ROUGHEST = 1e-6  # of them, where so little is asked for
 OK, DEEP, CROWDED = 0, 1, 2
 DIRECT_MODE, RADIAL_MODE, SADDLE_MODE, SLOPE_MODE, CURVE_MODE = 0, 1, 2, 3, 4
 NEAR, RIGHT, LEFT = 0, 1, -1
 
+_X64, _W64 = np.polynomial.legendre.leggauss(WIDE)
 TO_CHEBYSHEV = np.linalg.inv(np.polynomial.chebyshev.chebvander(X16, GAUSS - 1))
 TO_POWERS = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
 for _k in range(GAUSS):
@@ -369,28 +372,28 @@ def _worth(cheb, largest, spare):
 
 
 @njit(**JIT)
-def _add(cheb, power, used, pieces, sums, ws):
-    """Adds the integral over a piece of many waves: amplitude times exp(i 2π phase), interpolated to Gauss panels."""
+def _add(cheb, power, used, pieces, size, sums, ws):
+    """Adds the integral over a piece of many waves: amplitude times exp(i 2π phase), interpolated to Gauss panels.
+
+    pieces: panels; size: nodes of each, GAUSS or WIDE.
+    """
     for q in range(cheb.shape[0]):
         for k in range(used):
             total = 0.0
             for j in range(k, used):
                 total += TO_POWERS[k, j] * cheb[q, j]
             power[q, k] = total
-    t, wt, turns, are, aim = ws[16], ws[17], ws[18], ws[19], ws[20]
-    count, longest = 0, ws.shape[1]
+    turns, are, aim = ws[18], ws[19], ws[20]
+    x, w = (X16, W16) if size == GAUSS else (_X64, _W64)
+    t, wt = ws[16, :size], ws[17, :size]
     for p in range(pieces):
-        for g in range(GAUSS):
-            t[count] = -1.0 + (2.0 * p + 1.0 + X16[g]) / pieces
-            wt[count] = W16[g] / pieces
-            count += 1
-        if count == longest or p == pieces - 1:
-            for channel in range(cheb.shape[0] // 2):
-                re, im = wave_sum(t[:count], wt[:count], power[0, :used], power[1 + 2 * channel, :used],
-                               power[2 + 2 * channel, :used], turns, are, aim)  # fmt: skip
-                sums[2 * channel] += re
-                sums[2 * channel + 1] += im
-            count = 0
+        for g in range(size):
+            t[g], wt[g] = -1.0 + (2.0 * p + 1.0 + x[g]) / pieces, w[g] / pieces
+        for channel in range(cheb.shape[0] // 2):
+            re, im = wave_sum(t, wt, power[0, :used], power[1 + 2 * channel, :used], power[2 + 2 * channel, :used],
+                              turns, are, aim)  # fmt: skip
+            sums[2 * channel] += re
+            sums[2 * channel + 1] += im
 
 
 @njit(**JIT)
@@ -472,15 +475,18 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
                         return error, nodes, spans_used, CROWDED
                     spans[spans_used, 0], spans[spans_used, 1] = horner(py, lo), horner(py, hi)
                     spans_used += 1
-                nodes += pieces * GAUSS
-                if pieces == 1:
+                size = GAUSS
+                if pieces > 4:
+                    size, pieces = WIDE, 1 + int(2.4 * fastest / WIDE_CYCLES)
+                nodes += pieces * size
+                if pieces == 1 and size == GAUSS:
                     for q in range(channels - 1):
                         for i in range(GAUSS):
                             sums[q] += wave[q, i] * W16[i]
                 else:
-                    used, dropped = _worth(cheb[:channels], largest, RULES * tol)
+                    used, dropped = _worth(cheb[:channels], largest, WORTH * tol)
                     error += dropped
-                    _add(cheb[:channels], power, used, pieces, sums, ws)
+                    _add(cheb[:channels], power, used, pieces, size, sums, ws)
         if not math.isnan(cut):
             if depth >= DEPTH or top + 2 > ends.shape[0]:
                 return error, nodes, spans_used, DEEP

@@ -16,7 +16,7 @@ from numba import njit
 
 from cgi_wave.kernels.polynomials import BATCH, JIT, taylors
 
-MOST = 8  # terms after the first
+MOST = 12  # terms after the first
 _FACTORIAL = np.array([float(math.factorial(k)) for k in range(MOST + 2)])
 _HALVES = 5  # terms of a stationary point after the first
 
