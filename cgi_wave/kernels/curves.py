@@ -1,4 +1,4 @@
-"""The boundary of a pupil region as curves: polynomials of a parameter through the ends of rays (``kernels.outline``)."""
+"""The boundary of a pupil region as curves: polynomials through the ends of rays (``kernels.outline``)."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ def _roots(c, top, out):
 
 @njit(**JIT)
 def _reach(ellipses, c, s):
-    """Distance from the origin to the nearest of the domain ellipses (rows: centre x, y, semi-axes x, y) along (c, s)."""
+    """Distance from the origin to the nearest domain ellipse (rows: centre x, y, semi-axes x, y) along (c, s)."""
     reach = np.inf
     for e in range(ellipses.shape[0]):
         cx, cy = ellipses[e, 0] / ellipses[e, 2], ellipses[e, 1] / ellipses[e, 3]
@@ -176,7 +176,7 @@ def _reach(ellipses, c, s):
 
 @njit(**JIT)
 def crossings(poly, ellipses, c, s, first, at, owner):
-    """Where the ray (c, s) crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
+    """Where the ray (c, s) crosses any clearance or leaves the domain (-2), ascending: fills at, owner; their number.
 
     poly (K, n): the clearances along the ray. first: a clearance that probably ends the light; where it does, all that
     lies beyond is left out. -1: nothing is.

@@ -1,8 +1,8 @@
 """Asymptotic series of ``kernels.stokes``: amplitudes far from any stationary point, and a stationary point's own term.
 
-Both are what ∫ g exp(i 2π f) along a path of steepest descent leaves, expanded in the inverse of the phase: real sums and
-products of Taylor coefficients where Gauss–Laguerre nodes take a search on complex paths. Terms fall like k!/P^k, P rad
-of phase to the nearest other stationary point; the first term left out is the error, about.
+Both are what ∫ g exp(i 2π f) along a path of steepest descent leaves, expanded in the inverse of the phase: real sums
+and products of Taylor coefficients where Gauss–Laguerre nodes take a search on complex paths. Terms fall like k!/P^k,
+P rad of phase to the nearest other stationary point; the first term left out is the error, about.
 
 Part of the call tree of ``kernels.stokes``.
 """
@@ -23,7 +23,7 @@ _HALVES = 5  # terms of a stationary point after the first
 
 @njit(**JIT)
 def distance(d1, c2, c3):
-    """Rad of phase to the nearest stationary point, from the first three Taylor coefficients, with a fifth of margin."""
+    """Rad of phase to the nearest stationary point, from a phase's Taylor coefficients, with a fifth of margin."""
     found = 1e300
     if c2 != 0.0:
         found = min(found, d1 * d1 / (4.0 * abs(c2)))

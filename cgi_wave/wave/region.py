@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
 from cgi_wave.kernels import curves, enclosed, outline, pupil, survey
-from cgi_wave.wave.basis import Array, expand
+from cgi_wave.wave.basis import Array
 
 METHOD = "boundary-fitted Gauss panels"
 NODE_CAP = 4_000_000  # nodes of one quadrature, before its T wavenumbers
