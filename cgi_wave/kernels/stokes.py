@@ -55,10 +55,9 @@ from cgi_wave.kernels.polynomials import (
 from cgi_wave.kernels.series import centre_amplitude
 
 DIRECT = 10.0  # boxes with less phase than this (cycles, range of Bernstein coefficients) are integrated directly
-SURELY = 0.8  # part of that from which samples alone do not decide
 STRETCH = 1.6  # part of a box, in half-widths, in which a line's stationary point is looked for
 EDGE = 3e-2  # distance of a boundary from a stationary point, in half-widths, below which rays from it are not used
-SERIES = 0.1  # part of the tolerance that the series of a stationary point may take
+SERIES = 1e-3  # part of the tolerance that the series of a stationary point may take
 ROUND = 0.03  # least det/trace² of the second derivatives at a stationary point from which rays are used
 
 
@@ -239,7 +238,7 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
 
 @njit(**JIT)
 def _sampled_waves(f):
-    """Cycles through which f runs on the unit disc, by its values at the centre and on two circles."""
+    """Cycles through which f runs on the unit disc at least: by its values at the centre and on two circles."""
     least, largest = f[0, 0], f[0, 0]
     for k in range(12):
         radius = 1.0 if k % 3 else 0.5
@@ -255,9 +254,9 @@ def _box(panels, f, a, b, w, convert, tol, result):
     if radius == 0.0:
         return True
     own = affine(f, cx, cy, radius, 0.0, 0.0, radius)
-    # Samples say what they can: bounds of the range cost as much as all that follows for a piece.
+    # Where samples say that it is many waves, bounds of the range are not needed: they cost as much as a piece.
     waves, bounded = _sampled_waves(own), False
-    if SURELY * DIRECT < waves <= DIRECT:
+    if waves <= DIRECT:
         low, high = bernstein(own, 1.0, 1.0, convert)
         waves, bounded = high - low, True
     # One call for all modes: each call of a compiled function with another constant would be compiled on its own.
