@@ -29,14 +29,13 @@ from cgi_wave.analysis import list_bands
 from cgi_wave.budget.pointsource import (
     CONTRAST_TOLERANCE,
     FINE_RAYS,
-    HOPELESS,
     SHARE,
     Contrast,
+    OverDirections,
     contrast_of,
-    direction_contrast,
     field_of,
-    missed_phase,
     nominal_fields,
+    over_directions,
 )
 from cgi_wave.budget.select import select_ghosts
 from cgi_wave.budget.setting import band_setting
@@ -167,34 +166,41 @@ def _place(
         except EmptyBeamError:
             return None
 
-    def fit(item: tuple[Path, Rays]) -> PupilField | None:
+    def fit(item: tuple[Path, Rays]) -> Callable[[], PupilField]:
         try:
-            return field_of(place.system, *item, place.x0, SHARE * tolerance)
-        except CgiWaveError:
-            return None
+            field = field_of(place.system, *item, place.x0, SHARE * tolerance)
+        except CgiWaveError as limit:
+            return partial(_refuse, limit)
+        return lambda: field
 
-    def overlap(field: PupilField | None) -> Contrast | None:
-        if field is None or missed_phase(field) > HOPELESS * tolerance:  # as ``contrast_of`` has it
-            return None
-        try:
-            return direction_contrast(field, place.nominal(0.0), SHARE * tolerance)
-        except CgiWaveError:
-            return None
+    def overlap(field: Callable[[], PupilField]) -> OverDirections:
+        return over_directions(field, place.nominal, tolerance)
 
-    def rest(path: Path) -> Contrast | str:
+    def rest(item: tuple[Path, OverDirections]) -> Contrast | str:
+        path, first = item
         try:
-            return contrast_of(place.system, path, place.theta, place.x0, place.nominal, tolerance)
+            return contrast_of(place.system, path, place.theta, place.x0, place.nominal, tolerance, first)
         except CgiWaveError as limit:
             return str(limit)
 
     rays = timed("tracing", trace, ghosts)
     arrived = [(path, beam) for path, beam in zip(ghosts, rays, strict=True) if beam is not None]
     values = timed("contrasts", overlap, timed("fitting", fit, arrived))
-    good = [value is not None and value.error <= tolerance for value in values]
-    again = timed("rest", rest, [path for (path, _), ok in zip(arrived, good, strict=True) if not ok])
-    left = iter(again)
-    done = [(path, value if ok else next(left)) for (path, _), value, ok in zip(arrived, values, good, strict=True)]
+    left = [
+        (path, value)
+        for (path, _), value in zip(arrived, values, strict=True)
+        if value.contrast is None or value.contrast.error > tolerance
+    ]
+    again = {path.label: item for (path, _), item in zip(left, timed("rest", rest, left), strict=True)}
+    done = [
+        (path, again[path.label] if path.label in again else value.contrast)
+        for (path, _), value in zip(arrived, values, strict=True)
+    ]
     return done, len(ghosts) - len(arrived)
+
+
+def _refuse(limit: CgiWaveError) -> PupilField:
+    raise limit
 
 
 def other_charts(name: str, every: int, bends: Sequence[float] = (-5.0, 5.0)) -> dict[str, Any]:

@@ -161,6 +161,31 @@ def without_directions(system: OpticalSystem, paths: Sequence[Path], theta: Arra
     return reasons
 
 
+@dataclass(frozen=True)
+class OverDirections:
+    """What a ghost's field over direction cosines gave: γ, or ``why`` there is none; ``rough``: the field, where it
+    misses phases by so much that its γ says little."""
+
+    contrast: Contrast | None
+    rough: PupilField | None
+    why: str
+
+
+def over_directions(
+    field: Callable[[], PupilField], nominal: Callable[[float], PupilField], tolerance: float = CONTRAST_TOLERANCE
+) -> OverDirections:
+    """γ by a ghost's field over direction cosines, unless that is refused or of little use; see ``contrast_of``."""
+    try:
+        ghost = field()
+        missed = 2.0 * np.pi * float(ghost.sigma[ghost.sigma.size // 2]) * ghost.opl_residual
+        if missed > HOPELESS * tolerance:
+            return OverDirections(None, ghost, f"phases missed by {missed:.1e} rad over directions")
+        here = direction_contrast(ghost, nominal(0.0), SHARE * tolerance)
+    except CgiWaveError as limit:
+        return OverDirections(None, None, str(limit))
+    return OverDirections(here, None, f"bound {here.error:.1e} over directions")
+
+
 def contrast_of(
     system: OpticalSystem,
     path: Path,
@@ -168,42 +193,35 @@ def contrast_of(
     x0: Array,
     nominal: Callable[[float], PupilField],
     tolerance: float = CONTRAST_TOLERANCE,
+    first: OverDirections | None = None,
 ) -> Contrast:
     """γ of ``path`` for source direction ``theta``, to ``tolerance`` where that can be had.
 
     nominal: the nominal beam's field in the chart of a bend, 1/m. By the ghost's field over direction cosines; where
     there is none, or one that leaves more than ``tolerance`` open, over the ghost's own pupil, and the better of the
-    two is kept. In a bent chart the error holds by how much others differ.
+    two is kept. In a bent chart the error holds by how much others differ. first: what the field of FINE_RAYS rays
+    gave, if that is known.
 
     Raises EmptyBeamError, FoldedFieldError, MethodLimitError: what either way refused.
     """
     sigma0, share = system.sigma0, SHARE * tolerance
-    found, why = None, ""
-    rough: PupilField | None = None
-    for count in (FINE_RAYS, FINER_RAYS):
-        try:
-            field = fine_field(system, path, theta, x0, tolerance, count)
-            missed = missed_phase(field)
-            if missed > HOPELESS * tolerance:
-                rough, why = field, f"phases missed by {missed:.1e} rad over directions"
-                break
-            here = direction_contrast(field, nominal(0.0), share)
-        except CgiWaveError as limit:
-            why = str(limit)
-            break
-        if here.error <= tolerance:
-            return here
-        if found is None or here.error < found.error:
-            found, why = here, f"bound {here.error:.1e} over directions"
-        if here.error > NEARLY * tolerance:
-            break
+    if first is None:
+        first = over_directions(partial(fine_field, system, path, theta, x0, tolerance), nominal, tolerance)
+    found, rough, why = first.contrast, first.rough, first.why
+    if found is not None and tolerance < found.error <= NEARLY * tolerance:
+        more = over_directions(partial(fine_field, system, path, theta, x0, tolerance, FINER_RAYS), nominal, tolerance)
+        rough, why = more.rough, more.why
+        if more.contrast is not None and more.contrast.error < found.error:
+            found = more.contrast
+    if found is not None and found.error <= tolerance:
+        return found
     trace = partial(rays_from_points, system, path, theta, x0, sigma0)
     over = refused = None
     try:
         over = contrast_over_pupil(trace, system.pupil_radius, nominal, sigma0, path.label, share)
     except CgiWaveError as limit:
         refused = limit
-    if rough is not None and (over is None or over.error + over.charts > tolerance):
+    if found is None and rough is not None and (over is None or over.error + over.charts > tolerance):
         try:
             found = direction_contrast(rough, nominal(0.0), share)
         except CgiWaveError as limit:
@@ -223,11 +241,6 @@ def contrast_of(
             f"bound {over.error:.1e}, charts differ by {over.charts:.1e})"
         )
     return Contrast(over.value, error, how)
-
-
-def missed_phase(field: PupilField) -> float:
-    """Misfit of a field's path length at its middle σ, rad. Above HOPELESS tolerances its contrasts say little."""
-    return 2.0 * np.pi * float(field.sigma[field.sigma.size // 2]) * field.opl_residual
 
 
 def direction_contrast(ghost: PupilField, nominal: PupilField, tol: float) -> Contrast:

@@ -93,7 +93,11 @@ def in_light(values, disc, residual):
     for k in np.argsort(-low):
         if left < 3:
             break
-        if cuts[k]:
+        worst = 0.0
+        for j in range(rows):
+            if kept[j] and j != k:
+                worst = max(worst, residual[j])
+        if cuts[k] or low[k] <= residual[k] + 2.0 * worst:
             continue
         least, step = np.inf, 0.0
         own = values[k]
@@ -114,10 +118,6 @@ def in_light(values, disc, residual):
                     change = own[i - 1, j] - own[i, j]
                     least = min(least, own[i, j] + rest[i, j] / (rest[i, j] - rest[i - 1, j]) * change)
                     step = max(step, abs(change))
-        worst = 0.0
-        for j in range(rows):
-            if kept[j] and j != k:
-                worst = max(worst, residual[j])
         if least > residual[k] + 2.0 * worst + 0.5 * step:
             kept[k] = False
             left -= 1
@@ -176,15 +176,42 @@ def beyond(values, axis, normal, height):
 
 
 @njit(**_JIT)
-def count_open(coef, edge, normal, height):
-    """How many points of an edge (N, 2) lie in the unit disc and within all tangents, and at how many of these all
-    Chebyshev products coef (K, n, n) are positive.
+def heights(x, normal):
+    """(D,) how far points x (N, 2) reach along normals (D, 2)."""
+    out = np.full(normal.shape[0], -np.inf)
+    for d in range(normal.shape[0]):
+        for i in range(x.shape[0]):
+            out[d] = max(out[d], x[i, 0] * normal[d, 0] + x[i, 1] * normal[d, 1])
+    return out
+
+
+@njit(**_JIT)
+def terms_used(coef):
+    """Terms per axis up to the last that any of the polynomials (K, n, n) has."""
+    for n in range(coef.shape[1], 1, -1):
+        for k in range(coef.shape[0]):
+            for i in range(n):
+                if coef[k, i, n - 1] != 0.0 or coef[k, n - 1, i] != 0.0:
+                    return n
+    return 1
+
+
+@njit(**_JIT)
+def count_open(coef, rim, along, normal, height):
+    """How many points of an edge lie in the unit disc and within all tangents, normal (D, 2) · u = height (D,), and at
+    how many of these all Chebyshev products coef (K, n, n) are positive.
+
+    The edge: points rim (R, 2) of the unit circle, and those at distances along (A,) from the foot of each tangent.
     """
-    n = coef.shape[1]
+    n = terms_used(coef)
     tx, ty = np.empty(n), np.empty(n)
     inside, open_there = 0, 0
-    for p in range(edge.shape[0]):
-        x, y = edge[p, 0], edge[p, 1]
+    for p in range(rim.shape[0] + height.shape[0] * along.shape[0]):
+        if p < rim.shape[0]:
+            x, y = rim[p, 0], rim[p, 1]
+        else:
+            d, place = (p - rim.shape[0]) // along.shape[0], along[(p - rim.shape[0]) % along.shape[0]]
+            x, y = height[d] * normal[d, 0] - place * normal[d, 1], height[d] * normal[d, 1] + place * normal[d, 0]
         within = x * x + y * y <= 1.0 + 1e-9
         for d in range(height.shape[0]):
             within = within and x * normal[d, 0] + y * normal[d, 1] <= height[d] + 1e-9

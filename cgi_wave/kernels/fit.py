@@ -75,13 +75,46 @@ def _free_block(a, b, d):
     d[3, 0], d[3, 1], d[3, 2], d[3, 3] = d30, d31, d32, d33
 
 
+@njit(**_JIT, fastmath=_FAST)
+def _follow_block(a, b, d):
+    """Take the same combinations of four rows a (4, T) out of four rows b (4, T) as ``_free_block`` did."""
+    a0, a1, a2, a3 = a[0], a[1], a[2], a[3]
+    for k in range(4):
+        d0, d1, d2, d3 = d[0, k], d[1, k], d[2, k], d[3, k]
+        bk = b[k]
+        for i in range(a.shape[1]):
+            bk[i] -= a0[i] * d0 + a1[i] * d1 + a2[i] * d2 + a3[i] * d3
+
+
+@njit(**_JIT, fastmath=_FAST)
+def _project_block(a, b, d):
+    """Take out of one row b (N,) its parts along four orthonormal rows a (4, N); d (4,) receives these."""
+    a0, a1, a2, a3 = a[0], a[1], a[2], a[3]
+    d0 = d1 = d2 = d3 = 0.0
+    for i in range(a.shape[1]):
+        v = b[i]
+        d0 += a0[i] * v
+        d1 += a1[i] * v
+        d2 += a2[i] * v
+        d3 += a3[i] * v
+    for i in range(a.shape[1]):
+        b[i] -= a0[i] * d0 + a1[i] * d1 + a2[i] * d2 + a3[i] * d3
+    d[0], d[1], d[2], d[3] = d0, d1, d2, d3
+
+
 @njit(**_JIT)
 def _free_row(q, c, j, low, terms):
     """Free row j of q of rows low…j − 1, and its coefficients c with it."""
-    for i in range(low, j):
-        d = _dot(q[i], q[j])
-        _subtract(q[j], d, q[i])
-        _subtract(c[j, :terms], d, c[i, :terms])
+    d = np.empty(_BLOCK)
+    whole = low + (j - low) // _BLOCK * _BLOCK
+    for i in range(low, whole, _BLOCK):
+        _project_block(q[i : i + _BLOCK], q[j], d)
+        for a in range(_BLOCK):
+            _subtract(c[j, :terms], d[a], c[i + a, :terms])
+    for i in range(whole, j):
+        only = _dot(q[i], q[j])
+        _subtract(q[j], only, q[i])
+        _subtract(c[j, :terms], only, c[i, :terms])
 
 
 @njit(**_JIT)
@@ -127,18 +160,13 @@ def orthonormalise(q, c, x, first, last):
         low = (degree - 1) * (degree - 2) // 2
         for j in range(start, stop, _BLOCK):
             end = min(j + _BLOCK, stop)
-            whole = low + (start - low) // _BLOCK * _BLOCK if end - j == _BLOCK else low
+            whole = low + (j - low) // _BLOCK * _BLOCK if end - j == _BLOCK else low
             for i in range(low, whole, _BLOCK):
                 _free_block(q[i : i + _BLOCK], q[j:end], d4)
-                for a in range(_BLOCK):
-                    for b in range(_BLOCK):
-                        _subtract(c[j + b, :start], d4[a, b], c[i + a, :start])
+                _follow_block(c[i : i + _BLOCK, :stop], c[j:end, :stop], d4)
             for k in range(j, end):
                 before = math.sqrt(_dot(q[k], q[k]))
-                for i in range(whole, k):
-                    d = _dot(q[i], q[k])
-                    _subtract(q[k], d, q[i])
-                    _subtract(c[k, :stop], d, c[i, :stop])
+                _free_row(q, c, k, whole, stop)
                 norm = math.sqrt(_dot(q[k], q[k]))
                 if norm < _TWICE * before:
                     _free_row(q, c, k, low, stop)
@@ -162,8 +190,12 @@ def project(q, first, last, residual, share, along):
     for j in range(first, last):
         for i in range(q.shape[1]):
             share[i] -= q[j, i] * q[j, i]
+    whole, d = first + (last - first) // _BLOCK * _BLOCK, np.empty(_BLOCK)
     for v in range(residual.shape[0]):
-        for j in range(first, last):
+        for j in range(first, whole, _BLOCK):
+            _project_block(q[j : j + _BLOCK], residual[v], d)
+            along[v, j : j + _BLOCK] = d
+        for j in range(whole, last):
             along[v, j] = _dot(q[j], residual[v])
             _subtract(residual[v], along[v, j], q[j])
 
@@ -185,20 +217,67 @@ def largest(residual, share, free, chosen):
 
 
 @njit(**_JIT)
-def combine(c, along, n):
-    """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of the first n (n + 1) / 2 rows of
-    c."""
+def climb(x, values, chosen, clearance, edge, terms, count_s, weight, target, limit, doubt, free):
+    """Fits of values (Q, N) at points x (N, 2) for total degrees below terms (D,), one after the other, until one does.
+
+    The rows of values: paths and amplitudes at count_s wavenumbers, clearances at the middle one, more. chosen (Q, N):
+    samples of which the misfit counts. clearance, edge (count_s, K, N): clearances at all wavenumbers, and where they
+    count; of the others than the middle one the change is part of the misfit.
+
+    weight (2,): of the largest misfits of path and amplitude, which with the least of a clearance's make a score: the
+    last degree is the first whose score is below target; or the one after which it is plain that the last of all stays
+    above ``doubt`` times ``limit``, if the score goes on falling as it did.
+
+    Returns c (P, P), along (Q, P) of ``combine``, and (D', Q, 2) the largest leave-one-out misfits, over chosen samples
+    and over all, of the degrees that were tried.
+    """
+    rows, most, middle = terms[-1] * (terms[-1] + 1) // 2, terms.shape[0], count_s // 2
+    count_k = clearance.shape[1]
+    q, c = np.empty((rows, x.shape[0])), np.zeros((rows, rows))
+    along, share = np.zeros((values.shape[0], rows)), np.ones(x.shape[0])
+    residual, worst = values.copy(), np.zeros((most, values.shape[0], 2))
+    before = last = 0.0
+    n = 0
+    for t in range(most):
+        orthonormalise(q, c, x, n, terms[t])
+        project(q, n * (n + 1) // 2, terms[t] * (terms[t] + 1) // 2, residual, share, along)
+        n = terms[t]
+        worst[t] = largest(residual, share, free, chosen)
+        path, amplitude, open_edge = 0.0, 0.0, np.inf
+        for s in range(count_s):
+            path, amplitude = max(path, worst[t, s, 0]), max(amplitude, worst[t, count_s + s, 0])
+        for k in range(count_k):
+            row = 2 * count_s + k
+            for s in range(count_s):
+                for i in range(x.shape[0]):
+                    if s != middle and edge[s, k, i]:
+                        off = abs(clearance[s, k, i] - clearance[middle, k, i] + residual[row, i])
+                        worst[t, row, 0] = max(worst[t, row, 0], off)
+            open_edge = min(open_edge, worst[t, row, 0])
+        before, last = last, weight[0] * path + weight[1] * amplitude + open_edge
+        if last < target:
+            return c, along, worst[: t + 1]
+        if t > 1 and limit < np.inf:
+            fall = math.log(last / before) / (terms[t] - terms[t - 1])
+            if math.log(last) + min(fall, 0.0) * (terms[-1] - terms[t]) > math.log(doubt * limit):
+                return c, along, worst[: t + 1]
+    return c, along, worst
+
+
+@njit(**_JIT)
+def combine(c, along, terms, n):
+    """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of the first rows of c, of each value
+    below its own total degree terms (Q,), at most n."""
     out = np.zeros((along.shape[0], n, n))
-    count = n * (n + 1) // 2
-    total = np.empty(count)
+    total = np.empty(n * (n + 1) // 2)
     for v in range(along.shape[0]):
         total[:] = 0.0
-        for degree in range(n):
+        for degree in range(terms[v]):
             stop = (degree + 1) * (degree + 2) // 2
             for j in range(stop - degree - 1, stop):
                 _subtract(total[:stop], -along[v, j], c[j, :stop])
         row = 0
-        for degree in range(n):
+        for degree in range(terms[v]):
             for i in range(degree + 1):
                 out[v, i, degree - i] = total[row]
                 row += 1
@@ -206,18 +285,30 @@ def combine(c, along, n):
 
 
 @njit(**_JIT)
-def near_points(x, chosen, reach):
-    """(N,) which points x (N, 2) of the unit disc are chosen (N,), or within ``reach`` of one that is."""
-    near = np.zeros(x.shape[0], dtype=np.bool_)
-    for i in range(x.shape[0]):
-        if x[i, 0] ** 2 + x[i, 1] ** 2 > 1.0:
-            continue
-        near[i] = chosen[i]
-        j = 0
-        while not near[i] and j < x.shape[0]:
-            near[i] = chosen[j] and (x[i, 0] - x[j, 0]) ** 2 + (x[i, 1] - x[j, 1]) ** 2 <= reach * reach
-            j += 1
-    return near
+def mapped(p, values, n, free):
+    """Determinant (N,) of the derivatives of two values (N, 2) by points p (N, 2), of a fit of total degree below n;
+    its largest leave-one-out misfit as a share of their range; RMS radius of the points times √2.
+    """
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    rows, centre = n * (n + 1) // 2, np.zeros(2)
+    for i in range(p.shape[0]):
+        for axis in range(2):
+            centre[axis] += p[i, axis] / p.shape[0]
+            low[axis], high[axis] = min(low[axis], values[i, axis]), max(high[axis], values[i, axis])
+    half, square = 0.0, 0.0
+    for i in range(p.shape[0]):
+        away = (p[i, 0] - centre[0]) ** 2 + (p[i, 1] - centre[1]) ** 2
+        half, square = max(half, away), square + away / p.shape[0]
+    half = math.sqrt(half)
+    x = (p - centre) / half
+    q, c = np.empty((rows, p.shape[0])), np.zeros((rows, rows))
+    along, residual, share = np.zeros((2, rows)), values.T.copy(), np.ones(p.shape[0])
+    orthonormalise(q, c, x, 0, n)
+    project(q, 0, rows, residual, share, along)
+    found = largest(residual, share, free, np.zeros(residual.shape, np.bool_))
+    slopes = polynomials(combine(c, along, np.full(2, n), n), x)
+    det = (slopes[0, 1] * slopes[1, 2] - slopes[0, 2] * slopes[1, 1]) / half**2
+    return det, found[:, 1].max() / max((high - low).max(), 1e-300), math.sqrt(2.0 * square)
 
 
 @njit(**_JIT)

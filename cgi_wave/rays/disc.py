@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 #: Rays per beam: enough for a polynomial of degree 12 with a third to spare.
 NODES = 280
 #: Numbers of rays whose fits over a whole disc are prepared.
-WHOLE = (NODES, 400, 484, 800, 1000, 1600)
+WHOLE = (NODES, 400, 800, 1000, 1600, 2000)
 #: The even part of a disc ends at this share of its radius; the rest lines its edge, for the fits.
 EVEN = 0.985
 

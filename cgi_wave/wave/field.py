@@ -9,20 +9,23 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.errors import EmptyBeamError, InputError, MethodLimitError
-from cgi_wave.kernels.fit import near_points
+from cgi_wave.errors import EmptyBeamError, FoldedFieldError, InputError, MethodLimitError
+from cgi_wave.kernels.bounds import terms_used
 from cgi_wave.kernels.power import products
+from cgi_wave.kernels.samples import gathered, least_and_range, not_finite, prepared
 from cgi_wave.wave.basis import Array, at_points, expand, lagrange
-from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
-from cgi_wave.wave.region import SAFETY, Region, Support, segments, trimmed
+from cgi_wave.wave.fitting import OVERSAMPLING, Climb, polynomials
+from cgi_wave.wave.region import SAFETY, Region, Support, segments
 from cgi_wave.wave.samples import PupilSamples, Space
-from cgi_wave.wave.support import cutting, domain, fenced, unshadowed
+from cgi_wave.wave.support import MARGIN, cutting, fenced, unshadowed
 
 DEGREES = (4, 6, 8, 10, 12, 14, 16)
 FINE_DEGREES = (*DEGREES, 18, 20)  # where samples are many and a misfit of 1e-7 rad is asked for
+HIGH_DEGREES = (*FINE_DEGREES, 22, 24, 26, 28, 30)  # where they are a thousand and more
 TARGET = 1e-6  # misfit (rad of phase, relative amplitude, clearance) below which no higher degree is tried
 NEARLY = 1.5  # a clearance of lower degree serves if its residual is at most this times the best
 FEWEST = 12  # supported samples without which no field is fitted
+SPARSE = 0.4  # sample spacing at most, in units of the ellipse that bounds the lit samples
 POWER_SHARE = 0.3  # numerical error asked of the power, as a share of the misfit that is asked for
 _METHOD = "polynomial pupil field"
 
@@ -91,7 +94,7 @@ def _check(samples: PupilSamples) -> None:
     """Shapes and finiteness, with a named error for each."""
     source = f"samples of {samples.label}"
     for name in ("sigma", "u", "opl", "amplitude", "clearance", "direction"):
-        bad = np.count_nonzero(~np.isfinite(getattr(samples, name)))
+        bad = not_finite(getattr(samples, name))
         if bad:
             raise InputError(source, name, f"{bad} values", "not finite", "leave rays that failed out of the samples")
     s, n = samples.opl.shape
@@ -106,136 +109,83 @@ def _check(samples: PupilSamples) -> None:
         raise InputError(source, "sigma", samples.sigma.tolist(), "not ascending", "sort the wavenumbers")
 
 
-def _near(x: Array, lit: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]:
-    """(S, N) samples that take part in the fit: in the domain, lit or within one spacing of a lit one.
-
-    They hold the boundary; those further out would only ask the polynomial for what it need not do.
-    """
-    return np.array([near_points(here, chosen, spacing) for here, chosen in zip(x, lit, strict=True)])
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """What the fits of one degree (n terms per axis) leave over.
-
-    opl, amplitude : largest leave-one-out misfit on the support; clearance_misfit (K,) that of the clearances near
-    their zeros, and clearance_worst (K,) everywhere; score : what is compared with the target
-    """
-
-    n: int
-    opl: float
-    amplitude: float
-    clearance_misfit: Array
-    clearance_worst: Array
-    score: float
-
-
 class _Fits:
-    """All polynomials of a field, for growing degrees: path and amplitude per sigma, clearances, directions at one."""
+    """All polynomials of a field, for growing degrees: path and amplitude per sigma, clearances, directions at one.
+
+    terms (D,): of the degrees that were tried; opl, amplitude (D,): their largest leave-one-out misfits on the support;
+    edge (D, K): those of the clearances near their zeros, and over (D, K) everywhere; score (D,): what is compared with
+    the target; mean (S,): path length that is left out of the fits.
+    """
 
     def __init__(
-        self, samples: PupilSamples, x: Array, inside: NDArray[np.bool_], lit: NDArray[np.bool_], most: int
+        self,
+        samples: PupilSamples,
+        x: Array,
+        inside: NDArray[np.bool_],
+        lit: NDArray[np.bool_],
+        degrees: Sequence[int],
+        target: float,
+        limit: float,
     ) -> None:
-        """x (S, N, 2) scaled points; inside, lit (S, N); ``most`` terms per axis at most."""
-        self._samples, self._x, self._inside = samples, x, inside
-        self._middle, self._clearances = samples.sigma.size // 2, samples.clearance.shape[0]
-        count, middle = samples.sigma.size, self._middle
-        self._lit = [lit[s][inside[s]] for s in range(count)]
-        paths = [np.array([samples.opl[s] - samples.opl[s].mean(), samples.amplitude[s]]) for s in range(count)]
-        rest = np.concatenate([samples.clearance[:, middle], samples.direction[middle].T])
+        """x (S, N, 2) scaled points; inside, lit (S, N); stops at the first degree that does, or at one that says that
+        none will."""
+        s = samples
+        count, self._middle, self._clearances = s.sigma.size, s.sigma.size // 2, len(s.clearance)
+        phase = 2.0 * np.pi * float(s.sigma[-1])
+        weight = np.array([phase, 1.0 / max(float(np.sqrt(np.mean(s.amplitude[lit] ** 2))), 1e-300)])
+        terms, at = np.array(degrees) + 1, s.direction[self._middle]
         # In pupil space all wavenumbers share their points, and so one basis.
-        self._shared = all(np.array_equal(x[s], x[0]) and np.array_equal(inside[s], inside[0]) for s in range(1, count))
+        self._shared = count == 1 or all(np.array_equal(x[0], other) for other in x[1:])
         if self._shared:
-            self._groups = [Nested(x[0][inside[0]], np.concatenate([*paths, rest])[:, inside[0]], most)]
+            take = inside.any(axis=0)
+            values, chosen, near, edge, self.mean = gathered(
+                s.opl, s.amplitude, s.clearance, at, lit, take, True, FEWEST
+            )
+            self._groups = [Climb(x[0][take], values, chosen, near, edge, terms, weight, target, limit)]
+            worst = self._groups[0].worst
+            self.opl, self.amplitude = worst[:, :count, 0].max(axis=1), worst[:, count : 2 * count, 0].max(axis=1)
         else:
-            self._groups = [
-                Nested(x[s][inside[s]], (np.concatenate([paths[s], rest]) if s == middle else paths[s])[:, inside[s]],
-                       most) for s in range(count)
+            each = [
+                gathered(s.opl[[k]], s.amplitude[[k]], s.clearance[:, [k]], at, lit[[k]], inside[k], k == self._middle,
+                         FEWEST) for k in range(count)
             ]  # fmt: skip
-        values = [samples.clearance[:, s][:, inside[s]] for s in range(count)]
-        self._values, self._edge = values, [_near_zero(v, on) for v, on in zip(values, self._lit, strict=True)]
-        # Misfits count where light is, and for clearances near their zeros.
-        self._chosen = [np.zeros(group.residual.shape, np.bool_) for group in self._groups]
-        for s in range(count):
-            at, row = self._at(s)
-            self._chosen[at][row : row + 2] = self._lit[s]
-        at, row = self._rest()
-        self._chosen[at][row : row + self._clearances] = self._edge[middle]
-        self._rms = max(float(np.sqrt(np.mean(samples.amplitude[lit] ** 2))), 1e-300)
+            # All degrees, since what suffices is known when all wavenumbers are.
+            self._groups = [
+                Climb(x[k][inside[k]], values, chosen, near, edge, terms, weight)
+                for k, (values, chosen, near, edge, _) in enumerate(each)
+            ]
+            self.mean = np.concatenate([mean for *_, mean in each])
+            self.opl, self.amplitude = np.array([group.worst[:, :2, 0] for group in self._groups]).max(axis=0).T
+        rest = self._groups[0 if self._shared else self._middle]
+        first = 2 * (count if self._shared else 1)
+        self._rest, self._first = rest, first
+        self.terms = terms[: len(rest.worst)]
+        self.edge, self.over = np.moveaxis(rest.worst[:, first : first + self._clearances], 2, 0)
+        if not self._shared:
+            self._follow([(x[k][inside[k]], *made[2:4]) for k, made in enumerate(each) if k != self._middle])
+        self.score = weight[0] * self.opl + weight[1] * self.amplitude + self.edge.min(axis=1)
 
-    def _at(self, s: int) -> tuple[int, int]:
-        """The number of the fit that holds path and amplitude of wavenumber s, and the row at which they stand."""
-        return (0, 2 * s) if self._shared else (s, 0)
-
-    def _rest(self) -> tuple[int, int]:
-        """The number of the fit that holds clearances and directions, and the row of the first of them."""
-        at, row = self._at(self._middle)
-        return at, (2 * self._samples.sigma.size if self._shared else row + 2)
-
-    def grow(self, n: int) -> _Trial:
-        """Go on to n terms per axis."""
-        for group in self._groups:
-            group.grow(n)
-        worst = [group.largest(chosen) for group, chosen in zip(self._groups, self._chosen, strict=True)]
-        opl = amplitude = 0.0
-        for s in range(len(self._lit)):
-            at, first = self._at(s)
-            opl, amplitude = max(opl, float(worst[at][first, 0])), max(amplitude, float(worst[at][first + 1, 0]))
-        at, row = self._rest()
-        clearance = worst[at][row : row + self._clearances]
-        edge = self._clearance_misfit(clearance[:, 0], self._groups[at], row, n)
-        score = 2.0 * np.pi * float(self._samples.sigma[-1]) * opl + amplitude / self._rms + float(edge.min())
-        return _Trial(n, opl, amplitude, edge, clearance[:, 1], score)
-
-    def _clearance_misfit(self, own: Array, here: Nested, row: int, n: int) -> Array:
-        """(K,) largest misfit of each clearance near its zero; ``own`` (K,): leave-one-out, at the middle sigma.
-
-        One clearance polynomial serves all wavenumbers: its change with sigma is an error of it.
-        """
-        last = row + self._clearances
-        worst = own
-        for s, value in enumerate(self._values):
-            if s == self._middle:
-                continue
-            if self._shared:
-                off = value - self._values[self._middle] + here.residual[row:last]
-            else:
-                points = self._x[s][self._inside[s]]
-                off = value - polynomials(here.coefficients(slice(row, last), n), points)[:, 0]
-            worst = np.maximum(worst, np.where(self._edge[s], np.abs(off), 0.0).max(axis=1))
-        return worst
+    def _follow(self, others: list[tuple[Array, Array, NDArray[np.bool_]]]) -> None:
+        """One clearance polynomial serves all wavenumbers: its change with sigma is an error of it."""
+        for t, n in enumerate(self.terms):
+            coef = self.clearances(np.full(self._clearances, n), n)
+            for points, clearance, edge in others:
+                off = np.abs(clearance[0] - polynomials(coef, points)[:, 0])
+                self.edge[t] = np.maximum(self.edge[t], np.where(edge[0], off, 0.0).max(axis=1))
 
     def paths(self, n: int) -> tuple[Array, Array]:
         """Path length (S, n, n), without its mean over the samples, and amplitude (S, n, n)."""
-        places = [self._at(s) for s in range(self._samples.sigma.size)]
-        both = np.array([self._groups[at].coefficients(slice(row, row + 2), n) for at, row in places])
-        return both[:, 0], both[:, 1]
+        half = self._first // 2
+        both = np.array([group.coefficients(0, self._first, n) for group in self._groups])
+        return both[:, :half].reshape(-1, n, n), both[:, half:].reshape(-1, n, n)
 
-    def clearances(self, n: int) -> Array:
-        """(K, n, n) clearances at the middle sigma."""
-        return self._of_rest(0, self._clearances, n)
-
-    def clearance(self, k: int, n: int) -> Array:
-        """(n, n) one clearance at the middle sigma."""
-        return self._of_rest(k, k + 1, n)[0]
+    def clearances(self, terms: NDArray[np.int64], n: int) -> Array:
+        """(K, n, n) clearances at the middle sigma, each below a total degree of its own, terms (K,)."""
+        return self._rest.coefficients(self._first, self._first + self._clearances, n, terms)
 
     def directions(self, n: int) -> Array:
         """(2, n, n) direction cosines at the middle sigma."""
-        return self._of_rest(self._clearances, self._clearances + 2, n)
-
-    def _of_rest(self, first: int, last: int, n: int) -> Array:
-        at, row = self._rest()
-        return self._groups[at].coefficients(slice(row + first, row + last), n)
-
-
-def _near_zero(value: Array, lit: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(K, N) where clearances (K, N) are within a quarter of their range from zero; elsewhere a misfit moves nothing.
-
-    Everywhere, if that is nearly nowhere.
-    """
-    near: NDArray[np.bool_] = np.abs(value) <= 0.25 * np.abs(value[:, lit]).max(axis=1, keepdims=True)
-    near[near.sum(axis=1) < FEWEST] = True
-    return near
+        return self._rest.coefficients(self._first + self._clearances, None, n)
 
 
 def _degrees(samples: PupilSamples, inside: NDArray[np.bool_], tried: Sequence[int]) -> list[int]:
@@ -253,29 +203,15 @@ def _degrees(samples: PupilSamples, inside: NDArray[np.bool_], tried: Sequence[i
     return allowed
 
 
-def _choose(fits: _Fits, degrees: list[int], target: float) -> tuple[_Trial, Array, Array]:
-    """The first degree whose misfit is below ``target``, or the one with the least.
-
-    With it the clearances (K, n, n) and their residuals (K,), each of the lowest degree that reaches ``target`` or
-    nearly the best: footprints on apertures are nearly affine in the pupil, and every degree costs the boundary search
-    a pass.
+def _simplest(fits: _Fits, best: int, target: float) -> tuple[NDArray[np.int64], Array]:
+    """Terms per axis (K,) that serve each clearance, and its misfit (K,): the fewest that reach ``target`` or nearly
+    the best. Footprints on apertures are nearly affine in the pupil, and every degree costs the boundary search a pass.
     """
-    trials = [fits.grow(degrees[0] + 1)]
-    best = trials[0]
-    for d in degrees[1:]:
-        if best.score < target:
-            break
-        trials.append(fits.grow(d + 1))
-        best = trials[-1] if trials[-1].score < best.score else best
-    coef, residual = fits.clearances(best.n), best.clearance_misfit.copy()
-    for k in range(len(coef)):
-        enough = max(target, NEARLY * float(best.clearance_misfit[k]))
-        simple = next((t for t in trials if t.n < best.n and t.clearance_misfit[k] <= enough), None)
-        if simple is not None:
-            coef[k] = 0.0
-            coef[k, : simple.n, : simple.n] = fits.clearance(k, simple.n)
-            residual[k] = simple.clearance_misfit[k]
-    return best, coef, residual
+    enough = np.maximum(target, NEARLY * fits.edge[best])
+    serves = fits.edge[: best + 1] <= enough
+    serves[best] = True
+    chosen = serves.argmax(axis=0)
+    return fits.terms[chosen], fits.edge[chosen, np.arange(len(chosen))]
 
 
 def fit_field(
@@ -297,21 +233,20 @@ def fit_field(
     which saves what follows), FoldedFieldError (samples on a line).
     """
     _check(samples)
-    lit = np.all(samples.clearance > 0.0, axis=0)
-    counts = lit.sum(axis=1)
+    middle = samples.sigma.size // 2
+    lit, counts, centre, half, scale, spacing, x, inside = prepared(samples.u, samples.clearance, MARGIN, SPARSE)
     if counts.min() == 0:
         raise EmptyBeamError(f"{samples.label}: no sample has all clearances positive")
     if counts.min() < FEWEST:
         raise MethodLimitError(
             _METHOD, f"{samples.label}: {counts.min()} lit samples", FEWEST / counts.min(), "trace more rays"
         )
-    centre, scale, spacing = domain(samples, lit)
-    x = (samples.u - centre) / scale
-    inside = _near(x, lit, spacing)
+    if not half.min() > 0.0:
+        raise FoldedFieldError(f"{samples.label}: the samples lie on a line; use the position-space field")
     tried = _degrees(samples, inside, degrees if degree is None else (degree,))
-    fits = _Fits(samples, x, inside, lit, tried[-1] + 1)
-    trial, simple, residual = _choose(fits, tried, target)
-    missed = 2.0 * np.pi * float(samples.sigma[-1]) * trial.opl
+    fits = _Fits(samples, x, inside, lit, tried, target, limit)
+    best = int(fits.score.argmin())
+    missed = 2.0 * np.pi * float(samples.sigma[-1]) * float(fits.opl[best])
     if missed > limit:
         raise MethodLimitError(
             _METHOD,
@@ -319,16 +254,17 @@ def fit_field(
             missed / limit,
             "trace more rays, or take a part of the pupil",
         )
-    middle = samples.sigma.size // 2
-    cut = cutting(
-        samples.clearance[:, lit], trial.clearance_worst, fits.clearances(trial.n), x[middle][lit[middle]], spacing
-    )
-    support = unshadowed(Support(centre, scale, simple[cut], residual[cut]))
-    support = fenced(support, x[middle][lit[middle]], spacing, samples.label)
-    opl, amplitude = fits.paths(trial.n)
-    opl[:, 0, 0] += samples.opl.mean(axis=1)
+    n = int(fits.terms[best])
+    terms, residual = _simplest(fits, best, target)
+    clearance, points = fits.clearances(terms, n), x[middle][lit[middle]]
+    cut = cutting(least_and_range(samples.clearance, lit), fits.over[best], clearance, points, spacing)
+    support = unshadowed(Support(centre, scale, clearance[cut], residual[cut]))
+    support = fenced(support, points, spacing, samples.label)
+    opl, amplitude = fits.paths(n)
+    opl[:, 0, 0] += fits.mean
+    off = float(fits.amplitude[best])
     region = _region(support, samples.u[middle][lit[middle]], spacing)
-    gram, error = _power(region, support, amplitude, trial.amplitude, samples.label, POWER_SHARE * target)
+    gram, error = _power(region, support, amplitude, off, samples.label, POWER_SHARE * target)
     return PupilField(
         samples.label,
         samples.space,
@@ -336,14 +272,14 @@ def fit_field(
         support,
         opl,
         amplitude,
-        fits.directions(trial.n),
+        fits.directions(n),
         samples.phase,
         samples.reference_point,
         gram,
         error,
-        trial.opl,
-        trial.amplitude,
-        trial.n - 1,
+        float(fits.opl[best]),
+        off,
+        n - 1,
         samples.bend,
     )
 
@@ -352,10 +288,11 @@ def _region(support: Support, u: Array, spacing: float) -> Region:
     """The support as a region in a frame about its lit samples u (N, 2), which show where it is."""
     pivot = u.mean(axis=0)
     frame = np.abs(u - pivot).max(axis=0) + 1.5 * spacing * support.scale
-    n = support.clearance.shape[-1]
-    clearance = expand(support.clearance, support.centre, support.scale, pivot, frame, n)
+    n = terms_used(support.clearance)
+    clearance = expand(support.clearance[:, :n, :n], support.centre, support.scale, pivot, frame, n)
     ellipse = np.array([[*((support.centre - pivot) / frame), *(support.scale / frame)]])
-    return Region(pivot, frame, trimmed(clearance), support.residual, ellipse, (u - pivot) / frame, n)
+    terms = support.clearance.shape[-1]
+    return Region(pivot, frame, clearance, support.residual, ellipse, (u - pivot) / frame, terms)
 
 
 def _power(

@@ -9,45 +9,46 @@ from cgi_wave.kernels import fit
 from cgi_wave.wave.basis import Array
 
 OVERSAMPLING = 1.4  # samples per polynomial term that a fit asks for
+_DOUBT = 30.0  # by how much a misfit that goes on falling may miss a limit in the end, and yet be waited for
 _FREE = 1e-6  # a sample is never taken to decide its own value more than up to this
 
 
-class Nested:
-    """Fits of values (Q, N) at scaled points (N, 2) by Chebyshev products of total degree below n, for growing n.
+class Climb:
+    """Fits of values at scaled points by Chebyshev products of growing total degree, until one serves.
 
-    Each degree costs what it adds to the one before. ``n`` is the present one, 0 at first.
+    Each degree costs what it adds to the one before. worst (D, Q, 2): largest leave-one-out misfit of each value, by
+    the hat matrix, for each degree tried: over its chosen samples, and over all.
     """
 
-    def __init__(self, x: Array, values: Array, most: int) -> None:
-        """For total degrees below ``most`` at most."""
-        self.n = 0
-        terms = most * (most + 1) // 2
-        self._x = np.ascontiguousarray(x)
-        self._q, self._c = np.empty((terms, len(x))), np.zeros((terms, terms))
-        self._along = np.zeros((len(values), terms))
-        self.residual = np.array(values, dtype=np.float64, order="C")
-        self._share = np.ones(len(x))
+    def __init__(
+        self,
+        x: Array,
+        values: Array,
+        chosen: NDArray[np.bool_],
+        clearance: Array,
+        edge: NDArray[np.bool_],
+        terms: NDArray[np.int64],
+        weight: Array,
+        target: float = -1.0,
+        limit: float = np.inf,
+    ) -> None:
+        """Arguments as those of ``kernels.fit.climb``; x (N, 2) in the unit disc."""
+        self._c, self._along, self.worst = fit.climb(
+            x, values, chosen, clearance, edge, terms, len(clearance), weight, target, limit, _DOUBT, _FREE
+        )
 
-    def grow(self, n: int) -> None:
-        """Go on to total degrees below n."""
-        first, last = (k * (k + 1) // 2 for k in (self.n, n))
-        fit.orthonormalise(self._q, self._c, self._x, self.n, n)
-        fit.project(self._q, first, last, self.residual, self._share, self._along)
-        self.n = n
-
-    def misfit(self) -> Array:
-        """(Q, N) leave-one-out misfits, by the hat matrix."""
-        return self.residual / np.maximum(self._share, _FREE)
-
-    def largest(self, chosen: NDArray[np.bool_]) -> Array:
-        """(Q, 2) largest leave-one-out misfit of each of the values, over its chosen (Q, N) samples and over all."""
-        found: Array = fit.largest(self.residual, self._share, _FREE, chosen)
-        return found
-
-    def coefficients(self, rows: slice, n: int) -> Array:
-        """(Q', n, n) Chebyshev coefficients of some of the values, for total degrees below n (the present or lower)."""
-        solution: Array = fit.combine(self._c, self._along[rows], n)
+    def coefficients(self, first: int, last: int | None, n: int, terms: NDArray[np.int64] | None = None) -> Array:
+        """(Q', n, n) Chebyshev coefficients of some of the values, for total degrees below n, or below terms (Q',)."""
+        along = self._along[first:last]
+        solution: Array = fit.combine(self._c, along, np.full(len(along), n) if terms is None else terms, n)
         return solution
+
+
+def mapping(p: Array, values: Array, degree: int) -> tuple[Array, float, float]:
+    """Determinant (N,) of the derivatives of two values (N, 2) by points p (N, 2), by a fit of a total degree; its
+    largest leave-one-out misfit as a share of their range; RMS radius of the points times √2."""
+    det, misfit, radius = fit.mapped(np.ascontiguousarray(p), np.ascontiguousarray(values), degree + 1, _FREE)
+    return det, float(misfit), float(radius)
 
 
 def polynomials(coef: Array, x: Array) -> Array:

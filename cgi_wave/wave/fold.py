@@ -6,7 +6,7 @@ import numpy as np
 
 from cgi_wave.errors import FoldedFieldError, MethodLimitError
 from cgi_wave.wave.basis import Array
-from cgi_wave.wave.fitting import OVERSAMPLING, Nested, polynomials
+from cgi_wave.wave.fitting import OVERSAMPLING, mapping
 
 COLLAPSE_LIMIT = 20.0  # least Fresnel number for which a direction-space field is a field of rays
 _METHOD = "map to direction cosines"
@@ -22,16 +22,9 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
     Raises FoldedFieldError naming the limit and the factor; MethodLimitError when a polynomial of this degree
     describes the map to worse than 1 % of its range.
     """
-    centre = p.mean(axis=0)
-    half = float(np.sqrt(((p - centre) ** 2).sum(axis=1).max()))
-    x, n = (p - centre) / half, degree + 1
     if (degree + 1) * (degree + 2) / 2 * OVERSAMPLING > len(p):
         raise MethodLimitError(_METHOD, f"{label}: {len(p)} rays for a map of degree {degree}", 1.0, "trace more rays")
-    fit = Nested(x, q.T, n)
-    fit.grow(n)
-    by_x, by_y = polynomials(fit.coefficients(slice(0, 2), n), x)[:, 1:].transpose(1, 0, 2) / half
-    det: Array = by_x[0] * by_y[1] - by_x[1] * by_y[0]
-    radius = float(np.sqrt(2.0 * ((p - centre) ** 2).sum(axis=1).mean()))
+    det, misfit, radius = mapping(p, q, degree)
     fresnel = sigma * radius**2 * np.sqrt(np.abs(det))
     if fresnel.min() < COLLAPSE_LIMIT and np.all(det * det[0] > 0.0):
         raise FoldedFieldError(
@@ -45,7 +38,6 @@ def check_map(p: Array, q: Array, sigma: float, label: str = "beam", degree: int
             f"{label}: det ∂q/∂p changes sign over the pupil ({share:.1%} of the rays lie beyond the fold); "
             "take γ over the pupil (wave.overpupil)"
         )
-    misfit = float(np.abs(fit.misfit()).max() / max(float(np.ptp(q, axis=0).max()), 1e-300))
     if misfit > 0.01:
         raise MethodLimitError(
             _METHOD,

@@ -6,34 +6,41 @@ the integral, ``rays.charts`` the charts. Where no polynomial follows the produc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import CgiWaveError, EmptyBeamError, FoldedFieldError, MethodLimitError
-from cgi_wave.rays.clearances import limiting
+from cgi_wave.rays.clearances import bounding_rows, limiting
 from cgi_wave.rays.disc import disc
 from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc
 from cgi_wave.wave.basis import Array
-from cgi_wave.wave.field import FINE_DEGREES, PupilField, fit_field, power
+from cgi_wave.wave.field import FINE_DEGREES, HIGH_DEGREES, PupilField, fit_field, power
 from cgi_wave.wave.fold import COLLAPSE_LIMIT
 from cgi_wave.wave.overlap import integral_over
-from cgi_wave.wave.pullback import product_samples, shared
+from cgi_wave.wave.pullback import look_up, product_samples, shared
 from cgi_wave.wave.samples import PupilSamples
 
 #: Rays over the whole pupil, by which the chart is chosen, where these do not show its edge, and over a part of it.
-SURVEY, MORE, PART = 1000, 4000, 484
+SURVEY, MORE = 1000, 2000
 #: Bends that are tried, in units of the other beam's cone over the ghost's extent on the detector.
 BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Parts into which a pupil is cut at most, and the shared rays without which one is not cut.
 PARTS, FEWEST = 64, 40
+#: Least share of the light that is taken to be shared when a misfit is weighed by it.
+LEAST = 0.01
+#: Share of shared rays from which those over the whole pupil are fitted, before others are traced around them.
+REUSED = 0.3
 #: A disc of rays that would shrink to no less than this stays as it is.
 SETTLED = 0.9
+#: Share of the misfit allowed that a fit is asked for: what counts in the end is the worst of the clearances that cut.
+ENOUGH = 0.5
 #: Misfit allowed where charts are only compared, and by how much what the kept one is off may exceed a difference.
-COMPARED, SAFETY = 1e-5, 2.0
+COMPARED, SAFETY = 1e-6, 2.0
 _METHOD = "field over the pupil"
 
 
@@ -105,23 +112,46 @@ def contrast_over_pupil(
 
     Raises EmptyBeamError, FoldedFieldError (no chart serves), MethodLimitError.
     """
-    # Here every ray counts, since the worst of them says which charts serve.
-    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes, 1.0)
-    try:
-        own = _own_field(rays, label, tol)
-    except MethodLimitError:  # a sliver, whose edge lies between too few rays
-        own = _own_field(_settle(trace, np.zeros(2), radius * OVER, MORE, _passes, 1.0), label, tol)
+    ghost = _ghost(trace, radius, label, tol)
     if bend is not None:
-        return _in_chart(trace, rays, own, other(bend), sigma, label, tol)
-    charts, note = choose_charts(rays, other, sigma, label)
-    found = _in_chart(trace, rays, own, other(charts[0]), sigma, label, tol)
+        return _in_chart(ghost, other(bend), sigma, tol)
+    charts, note = choose_charts(ghost.rays, other, sigma, label)
+    found = _in_chart(ghost, other(charts[0]), sigma, tol)
     differ = 0.0
     if charts[0] != 0.0:
         differ = abs(found.value) if len(charts) == 1 else 0.0
         for compared in charts[1:]:
-            there = _in_chart(trace, rays, own, other(compared), sigma, label, max(COMPARED, tol))
+            there = _in_chart(ghost, other(compared), sigma, max(COMPARED, tol))
             differ = max(differ, SAFETY * abs(there.value - found.value) + there.error)
     return PupilContrast(found.value, found.error, differ, found.bend, found.parts, note)
+
+
+@dataclass(frozen=True)
+class _Ghost:
+    """What is known of a ghost before any chart: rays over its whole pupil, and its amplitude there as a field, for its
+    power."""
+
+    label: str
+    trace: Trace
+    rays: RaysOverPupil
+    own: PupilField
+
+
+def _ghost(trace: Trace, radius: float, label: str, tol: float) -> _Ghost:
+    # Here every ray counts, since the worst of them says which charts serve.
+    rays = _settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes, 1.0)
+    try:
+        return _Ghost(label, trace, rays, _own_field(rays, label, tol))
+    except MethodLimitError:  # a sliver, whose edge lies between too few rays
+        more = _settle(trace, np.zeros(2), radius * OVER, MORE, _passes)
+        return _Ghost(label, trace, rays, _own_field(more, label, tol))
+
+
+def _own_field(rays: RaysOverPupil, label: str, tol: float) -> PupilField:
+    clearance = limiting(rays.clearance[:, None], rays.p)
+    flat = np.zeros((1, len(rays.p)))
+    return fit_field(PupilSamples(label, "pupil", rays.p[None], np.array([1.0]), flat, np.sqrt(rays.power)[None],
+                                  clearance, rays.q[None], 0.0, (0.0, 0.0)), target=tol)  # fmt: skip
 
 
 def choose_charts(rays: RaysOverPupil, other: Other, sigma: float, label: str) -> tuple[list[float], str]:
@@ -167,30 +197,13 @@ def choose_charts(rays: RaysOverPupil, other: Other, sigma: float, label: str) -
     return serve[:3], note
 
 
-def _in_chart(
-    trace: Trace, rays: RaysOverPupil, own: PupilField, near: PupilField, sigma: float, label: str, tol: float
-) -> PupilContrast:
-    try:
-        return _over_parts(trace, rays, own, near, sigma, label, tol, SETTLED)
-    except MethodLimitError:
-        # Cuts elsewhere may leave no part that refuses, such as the tip of a crescent.
-        return _over_parts(trace, rays, own, near, sigma, label, tol, 1.0)
-
-
-def _over_parts(
-    trace: Trace,
-    rays: RaysOverPupil,
-    own: PupilField,
-    near: PupilField,
-    sigma: float,
-    label: str,
-    tol: float,
-    settled: float,
-) -> PupilContrast:
-    mine, there = power(own), power(near)
+def _in_chart(ghost: _Ghost, near: PupilField, sigma: float, tol: float) -> PupilContrast:
+    mine, there = power(ghost.own), power(near)
     norm = float(np.sqrt(mine[0][0] * there[0][near.sigma.size // 2]))
     total, error, cross, parts = 0.0j, 0.0, 0.0, 0
-    for field in _parts(trace, rays, near, sigma, label, tol, settled):
+    # What is missed counts where light is shared.
+    share = min(max(_shared(ghost.rays, near) / norm, LEAST), 1.0)
+    for field in _parts(ghost, near, tol / share):
         value, off, size, _ = integral_over(field, tol * norm)
         total, error, cross, parts = total + value, error + off, cross + size, parts + 1
     # What the other field may be off by itself: phase, amplitude, and both powers in the normaliser.
@@ -202,13 +215,21 @@ def _over_parts(
     return PupilContrast(complex(gamma), float(bound), 0.0, near.bend, parts, "")
 
 
+def _shared(rays: RaysOverPupil, near: PupilField) -> float:
+    """∫ |product| d²p, as far as rays tell."""
+    u, _, det = rays.chart(near.bend)
+    lit = _lit(rays, near, ())
+    product = np.sqrt(rays.power[lit] * np.abs(det[lit])) * look_up(near, u[lit]).amplitude
+    return float(product.sum()) * np.pi * _reach(rays.p) ** 2 / len(rays.p)
+
+
 def _settle(
     trace: Trace,
     centre: Array,
     half: float,
     count: int,
     chosen: Callable[[RaysOverPupil], NDArray[np.bool_]],
-    settled: float,
+    settled: float = SETTLED,
 ) -> RaysOverPupil:
     """Rays over a disc of the pupil, drawn in around the chosen ones until these fill it, or it hardly shrinks."""
     for _ in range(4):
@@ -222,52 +243,66 @@ def _settle(
     return rays
 
 
-def _own_field(rays: RaysOverPupil, label: str, tol: float) -> PupilField:
-    """The ghost's amplitude over its own pupil, for its power."""
-    clearance = limiting(rays.clearance[:, None], rays.p)
-    flat = np.zeros((1, len(rays.p)))
-    return fit_field(PupilSamples(label, "pupil", rays.p[None], np.array([1.0]), flat, np.sqrt(rays.power)[None],
-                                  clearance, rays.q[None], 0.0, (0.0, 0.0)), target=tol)  # fmt: skip
+def _parts(ghost: _Ghost, near: PupilField, tol: float) -> Iterator[PupilField]:
+    """The product of both fields over the whole pupil, or over parts of it in which a polynomial follows it.
 
-
-def _parts(
-    trace: Trace, rays: RaysOverPupil, near: PupilField, sigma: float, label: str, tol: float, settled: float
-) -> Iterator[PupilField]:
-    """The product of both fields over parts of the pupil in which a polynomial follows it.
-
-    A part is cut in two through the middle of its shared rays, so that light is on both sides and none is lost.
+    More rays and higher degrees come first: a pupil that is cut needs them again for each part. A part is cut in two
+    through the middle of its shared rays, so that light is on both sides and none is lost.
     """
-
-    def lit(r: RaysOverPupil, cuts: tuple[_Cut, ...] = ()) -> NDArray[np.bool_]:
-        here: NDArray[np.bool_] = shared(near, r.chart(near.bend)[0], r.clearance)
-        for cut in cuts:
-            here = np.logical_and(here, cut.clearance(r.p) > 0.0)
-        return here
-
-    at = rays.p[lit(rays)]
-    if not len(at):
+    inside = _lit(ghost.rays, near, ())
+    if not inside.any():
         return
-    waiting: list[tuple[Array, float, tuple[_Cut, ...]]] = [(*bounding_disc(at, _reach(rays.p), len(rays.p)), ())]
+    first = _Part(*bounding_disc(ghost.rays.p[inside], _reach(ghost.rays.p), len(ghost.rays.p)), ())
+    known = ghost.rays if inside.mean() >= REUSED else None
+    waiting = [first]
     made = 1
     while waiting:
-        centre, half, cuts = waiting.pop()
-        part = _settle(trace, centre, half, PART, lambda r, cuts=cuts: lit(r, cuts), settled)  # type: ignore[misc]
-        inside = lit(part, cuts)
-        at = part.p[inside]
-        last = made >= PARTS or len(at) < FEWEST
-        field, misfit, refused = _product(part, inside, near, cuts, label, tol, np.inf if last else tol)
-        if field is not None and (misfit <= tol or last):
-            yield field
+        part = waiting.pop()
+        last = made >= PARTS
+        best: tuple[float, PupilField | None] = np.inf, None
+        for count, degrees in ((SURVEY, FINE_DEGREES), (MORE, HIGH_DEGREES)):
+            if known is not None:
+                rays, known = known, None
+            else:
+                rays = _settle(ghost.trace, part.centre, part.half, count, partial(_lit, near=near, cuts=part.cuts))
+            inside = _lit(rays, near, part.cuts)
+            field, misfit, refused = _product(
+                ghost, rays, inside, near, part.cuts, tol, degrees, np.inf if last else tol
+            )
+            if misfit < best[0]:
+                best = misfit, field
+            if misfit <= tol:
+                break
+        if best[1] is not None and (best[0] <= tol or last):
+            yield best[1]
             continue
-        if last:
-            raise MethodLimitError(_METHOD, f"{label}: {made} parts of the pupil, and still {refused}", made / PARTS,
-                                   "ask for a larger tolerance")  # fmt: skip
+        at = rays.p[inside]
+        if last or len(at) < FEWEST:
+            raise MethodLimitError(_METHOD, f"{ghost.label}: {made} parts of the pupil, and still {refused}",
+                                   made / PARTS, "ask for a larger tolerance")  # fmt: skip
         axis = int(np.argmax(np.ptp(at, axis=0)))
         for side in (-1.0, 1.0):
             cut = _Cut(axis, float(np.median(at[:, axis])), side)
             there = at[cut.clearance(at) > 0.0]
-            waiting.append((*bounding_disc(there, _reach(part.p), PART), (*cuts, cut)))
+            waiting.append(_Part(*bounding_disc(there, _reach(rays.p), len(rays.p)), (*part.cuts, cut)))
         made += 1
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of the pupil: a disc that holds it, and the cuts that bound it."""
+
+    centre: Array
+    half: float
+    cuts: tuple[_Cut, ...]
+
+
+def _lit(rays: RaysOverPupil, near: PupilField, cuts: tuple[_Cut, ...]) -> NDArray[np.bool_]:
+    """(N,) which rays are shared with the other field, and on the lit side of all cuts."""
+    here = shared(near, rays.chart(near.bend)[0], rays.clearance)
+    for cut in cuts:
+        here &= cut.clearance(rays.p) > 0.0
+    return here
 
 
 def _passes(rays: RaysOverPupil) -> NDArray[np.bool_]:
@@ -280,12 +315,13 @@ def _reach(p: Array) -> float:
 
 
 def _product(
+    ghost: _Ghost,
     rays: RaysOverPupil,
     inside: NDArray[np.bool_],
     near: PupilField,
     cuts: tuple[_Cut, ...],
-    label: str,
     tol: float,
+    degrees: Sequence[int],
     limit: float,
 ) -> tuple[PupilField | None, float, str]:
     """The product as one field over a part of the pupil, and its misfit as a share; None and why none can be fitted.
@@ -302,15 +338,16 @@ def _product(
     same = det * det[first] > 0.0
     if (inside & ~same).any():
         raise FoldedFieldError(
-            f"{label}: det ∂u/∂p changes sign over the shared pupil in the chart {near.bend:.3g} 1/m"
+            f"{ghost.label}: det ∂u/∂p changes sign over the shared pupil in the chart {near.bend:.3g} 1/m"
         )
     size = _reach(rays.p)
-    clearance = limiting(rays.clearance[:, None], rays.p)[:, 0]
-    edges = np.concatenate([clearance, *(cut.clearance(rays.p)[None] / size for cut in cuts)])
-    samples = product_samples(label, rays.p[same], u[same], opl[same], rays.power[same], det[same], rays.q[same],
+    edges = np.concatenate(
+        [rays.clearance[bounding_rows(rays.clearance, rays.p)], *(cut.clearance(rays.p)[None] / size for cut in cuts)]
+    )
+    samples = product_samples(ghost.label, rays.p[same], u[same], opl[same], rays.power[same], det[same], rays.q[same],
                               edges[:, same], rays.phase(first, near.bend), near)  # fmt: skip
     try:
-        field = fit_field(samples, target=tol, degrees=FINE_DEGREES, limit=limit)
+        field = fit_field(samples, target=ENOUGH * tol, degrees=degrees, limit=limit)
     except MethodLimitError as limit:
         return None, np.inf, str(limit)
     misfit = 2.0 * np.pi * float(field.sigma[0]) * field.opl_residual

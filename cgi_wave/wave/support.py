@@ -7,66 +7,52 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.errors import FoldedFieldError, MethodLimitError
-from cgi_wave.kernels.bounds import beyond, count_open, in_light
+from cgi_wave.errors import MethodLimitError
+from cgi_wave.kernels.bounds import beyond, count_open, heights, in_light, terms_used
 from cgi_wave.wave.basis import Array
 from cgi_wave.wave.fitting import polynomials
-from cgi_wave.wave.region import Support, trimmed
-from cgi_wave.wave.samples import PupilSamples
+from cgi_wave.wave.region import Support
 
 MARGIN = 1.5  # sample spacings beyond the lit samples within which the true boundary must lie
-MANY, SHADOW_GRID = 4, 121  # clearances beyond which shadowed ones are looked for, and points per axis for that
+MANY = 4  # clearances beyond which shadowed ones are looked for
+SHADOW_GRIDS = 41, 81  # points per axis for that: most are plain on the first grid, for a quarter of the price
 TANGENTS, INWARD = 16, 0.5  # tangents of the lit samples; those matter that cut the domain by this many spacings
 FENCE_GRID = 61  # points per axis on which clearances are looked at beyond a tangent
 METHOD = "polynomial pupil field"
 
 
-def domain(samples: PupilSamples, lit: NDArray[np.bool_]) -> tuple[Array, Array, float]:
-    """Centre and semi-axes of the ellipse that bounds the lit samples with a margin; sample spacing in its unit.
-
-    The margin is where the true boundary must lie, beyond the last lit sample.
-    """
-    points = samples.u[lit]
-    lo, hi = points.min(axis=0), points.max(axis=0)
-    centre, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
-    if np.any(half <= 0.0):
-        raise FoldedFieldError(f"{samples.label}: the samples lie on a line; use the position-space field")
-    reach = float(np.sqrt((((points - centre) / half) ** 2).sum(axis=1).max()))
-    spacing = min(float(np.sqrt(np.pi / lit.sum(axis=1).min())), 0.4)
-    return centre, half * reach * (1.0 + MARGIN * spacing), spacing
-
-
-def cutting(values: Array, worst: Array, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
+def cutting(extent: Array, worst: Array, coef: Array, x: Array, spacing: float) -> NDArray[np.bool_]:
     """(K,) which clearances can reach zero within two sample spacings of the lit samples.
 
-    values (K, M): theirs at all wavenumbers; worst (K,): largest misfit; coef (K, n, n), x (N, 2): polynomials and
-    points at the middle sigma.
+    extent (K, 2): their least value over the lit samples and their range, at all wavenumbers; worst (K,): largest
+    misfit; coef (K, n, n), x (N, 2): polynomials and points at the middle sigma.
     """
-    least = values.min(axis=1)
+    least = extent[:, 0]
     # Within the unit disc a slope of half the range is met somewhere.
-    cut: NDArray[np.bool_] = least < spacing * (values.max(axis=1) - least) + worst
+    cut: NDArray[np.bool_] = least < spacing * extent[:, 1] + worst
     doubtful = np.flatnonzero(~cut)
     if len(doubtful):
-        slopes = polynomials(coef[doubtful], x)[:, 1:]
+        n = terms_used(coef)
+        slopes = polynomials(coef[doubtful, :n, :n], x)[:, 1:]
         steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
         cut[doubtful] = least[doubtful] < 2.0 * spacing * steepest + worst[doubtful]
     return cut
 
 
 def unshadowed(support: Support) -> Support:
-    """Without the clearances that stay positive wherever all others are: every one costs the boundary search.
+    """Without clearances that stay positive wherever all others are: every one costs the boundary search.
 
     Only beams with more than MANY of them are worth it. On a grid, all clearances but one show a region; the one has to
     exceed, at its nodes and where lines of the grid leave it, the residuals and half of what it changes by from one
     node to the next there. They go one by one, the most positive first.
     """
-    if len(support.clearance) <= MANY:
-        return support
-    axis, _, _ = _grid(SHADOW_GRID)
-    # The domain's own edge bounds what the polynomials are asked for.
-    disc = 1.0 - axis[:, None] ** 2 - axis[None, :] ** 2
-    kept = in_light(_on_grid(support.clearance, SHADOW_GRID), disc, support.residual)
-    return Support(support.centre, support.scale, support.clearance[kept], support.residual[kept])
+    for count in SHADOW_GRIDS if len(support.clearance) > MANY else ():
+        axis, _, _ = _grid(count)
+        # The domain's own edge bounds what the polynomials are asked for.
+        disc = 1.0 - axis[:, None] ** 2 - axis[None, :] ** 2
+        kept = in_light(_on_grid(support.clearance, count), disc, support.residual)
+        support = Support(support.centre, support.scale, support.clearance[kept], support.residual[kept])
+    return support
 
 
 def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
@@ -78,14 +64,13 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
     at the edge of the domain: the boundary is then not known.
     """
     normal, rim, along = _tangents()
-    height = (x @ normal.T).max(axis=0) + MARGIN * spacing
+    height = heights(x, normal) + MARGIN * spacing
     inward = np.flatnonzero(height < 1.0 - INWARD * spacing)
     if len(inward) and len(support.clearance):
         axis, _, _ = _grid(FENCE_GRID)
         inward = inward[beyond(_on_grid(support.clearance, FENCE_GRID), axis, normal[inward], height[inward])]
     normal, height = normal[inward], height[inward]
-    lines = [h * d + along * np.array([-d[1], d[0]]) for d, h in zip(normal, height, strict=True)]
-    count, opened = count_open(support.clearance, np.concatenate([rim, *lines]), normal, height)
+    count, opened = count_open(support.clearance, rim, along, normal, height)
     if opened:
         raise MethodLimitError(
             METHOD,
@@ -101,13 +86,13 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
 
 @lru_cache(maxsize=1)
 def _tangents() -> tuple[Array, Array, Array]:
-    """Normals of the tangents (TANGENTS, 2), points on the unit circle (256, 2), places along a tangent (101, 1)."""
+    """Normals of the tangents (TANGENTS, 2), points on the unit circle (256, 2), places along a tangent (101,)."""
     normal, rim = (np.linspace(0.0, 2.0 * np.pi, count, endpoint=False) for count in (TANGENTS, 256))
-    along = np.linspace(-1.0, 1.0, 101)[:, None]
+    along = np.linspace(-1.0, 1.0, 101)
     return np.column_stack([np.cos(normal), np.sin(normal)]), np.column_stack([np.cos(rim), np.sin(rim)]), along
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _grid(count: int) -> tuple[Array, Array, Array]:
     """An axis of ``count`` points over the domain, and the Chebyshev polynomials there (count, 32), and transposed."""
     axis = np.linspace(-1.0, 1.0, count)
@@ -117,7 +102,7 @@ def _grid(count: int) -> tuple[Array, Array, Array]:
 
 def _on_grid(coef: Array, count: int) -> Array:
     """Values (K, count, count) of Chebyshev products (K, n, n), n <= 32, on a grid over the domain."""
-    n = trimmed(coef).shape[-1]
+    n = terms_used(coef)
     _, t, across = _grid(count)
     values: Array = t[:, :n] @ coef[:, :n, :n] @ across[:n]
     return values

@@ -78,12 +78,29 @@ def test_tangents_that_matter_are_those_with_light_beyond():
 
 
 def test_open_points_of_an_edge():
+    """Points of the circle, and of a tangent within it, with all polynomials positive."""
     rng = np.random.default_rng(0)
     i, j = np.indices((5, 5))
     coef = np.where(i + j < 5, rng.normal(size=(2, 5, 5)), 0.0) + np.where(i + j == 0, 1.0, 0.0)
-    edge = rng.uniform(-1.2, 1.2, (400, 2))
+    t, along = np.linspace(0.0, 2.0 * np.pi, 200), np.linspace(-1.0, 1.0, 101)
+    rim = np.column_stack([np.cos(t), np.sin(t)])
     normal, height = np.array([[0.6, 0.8]]), np.array([0.3])
-    inside = edge[((edge**2).sum(axis=1) <= 1.0) & (edge @ normal[0] <= 0.3)]
+    edge = np.concatenate([rim, 0.3 * normal + along[:, None] * np.array([-0.8, 0.6])])
+    inside = edge[((edge**2).sum(axis=1) <= 1.0 + 1e-9) & (edge @ normal[0] <= 0.3 + 1e-9)]
     opened = (np.array([chebyshev.chebval2d(*inside.T, c) for c in coef]) > 0.0).all(axis=0)
-    assert bounds.count_open(coef, edge, normal, height) == (len(inside), opened.sum())
+    assert bounds.count_open(coef, rim, along, normal, height) == (len(inside), opened.sum())
     assert 0 < opened.sum() < len(inside)
+
+
+def test_how_far_points_reach():
+    rng = np.random.default_rng(1)
+    x, normal = rng.normal(size=(2, 30, 2))
+    np.testing.assert_allclose(bounds.heights(x, normal), (x @ normal.T).max(axis=0), rtol=1e-15)
+
+
+@pytest.mark.parametrize("places, terms", [([], 1), ([(0, 0)], 1), ([(0, 3), (2, 1)], 4), ([(5, 0)], 6)])
+def test_terms_that_polynomials_use(places, terms):
+    coef = np.zeros((2, 7, 7))
+    for i, j in places:
+        coef[1, i, j] = -1.0
+    assert bounds.terms_used(coef) == terms

@@ -98,6 +98,28 @@ def test_anamorphic_beam_keeps_its_shape():
     assert power(fit_field(squeezed))[0][0] == pytest.approx(np.pi * 0.02, rel=1e-9)
 
 
+def test_wavenumbers_with_points_of_their_own():
+    """Directions move with the wavenumber: one fit each, and the edge's change is in its residual."""
+    sigma = chebyshev_wavenumbers(0.9 * SIGMA, 1.1 * SIGMA, 3)
+    move = 1e-3 * (sigma / SIGMA - 1.0)
+    same = beam(lambda x, y: np.sin(3.0 * x + y), sigma=sigma)
+    x, y = np.moveaxis(same.u + move[:, None, None], 2, 0)
+    moved = dataclasses.replace(
+        same, u=same.u + move[:, None, None], opl=np.sin(3.0 * x + y) / SIGMA, clearance=(1.0 - x**2 - y**2)[None]
+    )
+    plain = fit_field(same)
+    for field in (plain, fit_field(moved)):
+        points = cloud(0.98, 500)
+        found = at_points(field.opl, (points - field.support.centre) / field.support.scale)
+        off = np.abs(found - np.sin(3.0 * points[:, 0] + points[:, 1]) / SIGMA).max()
+        assert off <= field.opl_residual < 1e-6 / SIGMA
+        assert abs(field.degree - plain.degree) <= 2
+    still = dataclasses.replace(moved, clearance=same.clearance)  # the same rays pass, and end elsewhere
+    shifted = fit_field(still).support.residual
+    assert fit_field(moved).support.residual.max() < 1e-12
+    assert shifted.max() == pytest.approx(2.0 * np.sqrt(2.0) * move[-1], rel=0.1)
+
+
 def test_a_value_that_is_not_finite_is_named():
     for name in ("opl", "amplitude", "clearance", "u"):
         samples = beam()

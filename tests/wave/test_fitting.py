@@ -6,8 +6,9 @@ from numpy.polynomial import chebyshev
 from scipy.spatial import KDTree
 
 from cgi_wave.kernels import fit as kernel
+from cgi_wave.kernels.samples import near_points
 from cgi_wave.wave.basis import total_degree_terms, vandermonde
-from cgi_wave.wave.fitting import Nested, polynomials
+from cgi_wave.wave.fitting import Climb, mapping, polynomials
 
 
 def disc(count, seed=0):
@@ -27,49 +28,89 @@ def test_rows_are_orthonormal_polynomials():
     np.testing.assert_allclose(c @ vandermonde(x, 13).T, q, rtol=0, atol=1e-11)
 
 
+def climb(x, values, terms, chosen=None, weight=(1.0, 1.0), target=-1.0, limit=np.inf):
+    """Two values as path and amplitude, and the first of them as a clearance, which counts everywhere."""
+    rows = np.concatenate([values, values[:1]])
+    chosen = np.ones(rows.shape, bool) if chosen is None else chosen
+    edge = np.ones((1, 1, len(x)), bool)
+    return Climb(x, rows, chosen, values[None, :1], edge, np.array(terms), np.array(weight), target, limit)
+
+
 @pytest.mark.parametrize("count", [130, 300])
 def test_every_degree_is_the_least_squares_solution(count):
     x = disc(count)
-    values, fits = wavy(x), Nested(x, wavy(x), 12)
-    for n in (5, 9, 12):
-        fits.grow(n)
+    values, terms = wavy(x), (5, 9, 12)
+    fits = climb(x, values, terms)
+    for t, n in enumerate(terms):
         i, j = total_degree_terms(n)
         exact = np.linalg.lstsq(vandermonde(x, n), values.T, rcond=None)[0].T
-        found = fits.coefficients(slice(0, 2), n)
+        found = fits.coefficients(0, 2, n)
         np.testing.assert_allclose(found[:, i, j], exact, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(fits.residual, values - exact @ vandermonde(x, n).T, atol=1e-13)
-    lower = np.linalg.lstsq(vandermonde(x, 5), values.T, rcond=None)[0].T
+        off = np.abs(values - exact @ vandermonde(x, n).T) / (
+            1.0 - (np.linalg.qr(vandermonde(x, n))[0] ** 2).sum(axis=1)
+        )
+        np.testing.assert_allclose(fits.worst[t, :2, 1], off.max(axis=1), rtol=1e-6)
+    each = fits.coefficients(0, 2, 12, np.array([12, 5]))
     i, j = total_degree_terms(5)
-    np.testing.assert_allclose(fits.coefficients(slice(1, 2), 5)[0, i, j], lower[1], atol=1e-12)
+    lower = np.linalg.lstsq(vandermonde(x, 5), values.T, rcond=None)[0].T
+    np.testing.assert_allclose(each[1, i, j], lower[1], atol=1e-12)
+    assert np.abs(each[1]).sum() == np.abs(each[1, i, j]).sum()
 
 
 def test_misfit_is_what_a_sample_left_out_is_missed_by():
     x = disc(90)
-    values, fits = wavy(x), Nested(x, wavy(x), 7)
-    fits.grow(7)
-    rows = vandermonde(x, 7)
-    for k in (0, 13, 89):
+    values, rows, off = wavy(x), vandermonde(x, 7), []
+    for k in range(90):
         others = np.arange(90) != k
         coefficients = np.linalg.lstsq(rows[others], values[:, others].T, rcond=None)[0]
-        np.testing.assert_allclose(fits.misfit()[:, k], values[:, k] - rows[k] @ coefficients, rtol=1e-8)
+        off.append(np.abs(values[:, k] - rows[k] @ coefficients))
+    off = np.array(off).T
+    chosen = np.random.default_rng(2).random((3, 90)) < 0.2
+    worst = climb(x, values, (7,), chosen).worst[0, :2]
+    np.testing.assert_allclose(worst.T, [np.where(chosen[:2], off, 0.0).max(axis=1), off.max(axis=1)], rtol=1e-7)
 
 
-def test_largest_misfits_are_those_of_the_chosen_samples():
-    x = disc(90)
-    fits, chosen = Nested(x, wavy(x), 7), np.random.default_rng(2).random((2, 90)) < 0.2
-    fits.grow(7)
-    misfit = np.abs(fits.misfit())
-    np.testing.assert_array_equal(
-        fits.largest(chosen).T, [np.where(chosen, misfit, 0.0).max(axis=1), misfit.max(axis=1)]
-    )
+def test_the_last_degree_is_the_first_that_does():
+    """A score is the weighted misfits of path and amplitude and the least of a clearance's."""
+    x = disc(300)
+    every = climb(x, wavy(x), range(4, 16, 2), weight=(2.0, 3.0)).worst[:, :, 0]
+    score = 2.0 * every[:, 0] + 3.0 * every[:, 1] + every[:, 2]
+    assert (np.diff(score) < 0.0).all()
+    found = climb(x, wavy(x), range(4, 16, 2), weight=(2.0, 3.0), target=0.5 * (score[2] + score[3])).worst
+    np.testing.assert_array_equal(found[:, :, 0], every[:4])
+
+
+def test_degrees_that_lead_nowhere_are_not_climbed():
+    """An edge falls too slowly for a limit; a smooth value is followed to the end, whatever its last misfit."""
+    x = disc(300)
+    kink = np.array([np.abs(x[:, 0] - 0.1), x[:, 1]])
+    assert len(climb(x, kink, range(4, 16, 2), limit=1e-6).worst) == 3
+    assert len(climb(x, wavy(x), range(4, 16, 2), limit=1e-6).worst) == 6
+
+
+def test_a_clearance_that_moves_with_the_wavenumber_is_missed_by_that():
+    x = disc(100)
+    still = np.array([x[:, 0], x[:, 0], x[:, 0], x[:, 1], x[:, 1], x[:, 1], 1.0 + x[:, 0]])
+    moving = np.array([1.0 + x[:, 0] + move for move in (0.0, 0.0, 0.01)])[:, None]
+    edge = np.ones((3, 1, 100), bool)
+    fits = Climb(x, still, np.ones(still.shape, bool), moving, edge, np.array([3]), np.ones(2))
+    assert fits.worst[0, 6, 0] == pytest.approx(0.01)
+    assert fits.worst[0, :, 1].max() < 1e-12
 
 
 def test_points_on_a_line_leave_out_what_they_cannot_tell():
     """y = x: of the three terms of degree 1 two are independent, and the fit is the one on the line."""
     x = np.repeat(np.linspace(-0.7, 0.7, 30)[:, None], 2, axis=1)
-    fits = Nested(x, np.array([x[:, 0] + 2.0]), 2)
-    fits.grow(2)
-    assert np.abs(fits.residual).max() < 1e-14
+    assert climb(x, np.array([x[:, 0] + 2.0, x[:, 0]]), (2,)).worst.max() < 1e-14
+
+
+def test_determinant_of_a_map():
+    p = 3.0 * disc(200) + np.array([5.0, -1.0])
+    a, b = p.T
+    det, misfit, radius = mapping(p, np.column_stack([a * b, a + b**2]), 4)
+    np.testing.assert_allclose(det, 2.0 * b**2 - a, rtol=1e-9, atol=1e-9)
+    assert misfit < 1e-12
+    assert radius == pytest.approx(np.sqrt(2.0 * ((p - p.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def test_rows_close_to_each_other_come_out_orthogonal():
@@ -87,7 +128,7 @@ def test_near_points_are_those_of_a_tree():
     x, chosen = disc(200, 3) * 1.2, np.random.default_rng(1).random(200) < 0.3
     gap, _ = KDTree(x[chosen]).query(x)
     for reach in (0.05, 0.1, 0.3):
-        np.testing.assert_array_equal(kernel.near_points(x, chosen, reach), (gap <= reach) & ((x**2).sum(axis=1) <= 1))
+        np.testing.assert_array_equal(near_points(x, chosen, reach), (gap <= reach) & ((x**2).sum(axis=1) <= 1))
 
 
 def test_polynomials_and_their_derivatives():

@@ -8,6 +8,7 @@ import pytest
 from synthetic_beams import cloud
 
 from cgi_wave.errors import FoldedFieldError, InputError
+from cgi_wave.wave import overpupil
 from cgi_wave.wave.field import fit_field
 from cgi_wave.wave.overlap import overlap
 from cgi_wave.wave.overpupil import contrast_over_pupil
@@ -80,6 +81,15 @@ class Straight(ByHand):
 
     def curvature(self, bend):
         return np.array([np.full(len(self.p), slope / X - bend) for slope in (self.curl, STEEP)])
+
+
+@dataclass(frozen=True)
+class Wavy(Straight):
+    """That with an amplitude for which a polynomial of degree 8 is too little."""
+
+    @property
+    def power(self):
+        return super().power * np.exp(np.sin((self.p[:, 0] + 0.5 * self.p[:, 1]) / X))
 
 
 def focused(bend, sigma=SIGMA):
@@ -167,6 +177,25 @@ def test_over_the_pupil_and_over_directions_alike():
     assert abs(value - here.value) < pair.error_bound[0] + here.error < 1e-5
     for bend in (-100.0, 300.0):
         assert here.error < abs(found(SIGMA, bend, Straight).value - here.value) < 0.04 * abs(here.value)
+
+
+def test_parts_of_a_pupil_add_up_to_the_whole(monkeypatch):
+    """Degrees too low for the whole: the pupil is cut, and the sum is within both bounds."""
+    whole = found(SIGMA, rays=Wavy)
+    for name in ("FINE_DEGREES", "HIGH_DEGREES"):
+        monkeypatch.setattr(overpupil, name, (4, 6, 8))
+    parts = found(SIGMA, rays=Wavy)
+    assert whole.parts == 1 < parts.parts
+    assert abs(parts.value - whole.value) < parts.error + whole.error < 1e-5
+
+
+def test_more_rays_and_higher_degrees_come_before_a_cut(monkeypatch):
+    """What the first rays' polynomials do not follow, those of more rays do, however many these are."""
+    whole = found(SIGMA, rays=Wavy)
+    monkeypatch.setattr(overpupil, "MORE", 3000)
+    again = found(SIGMA, rays=Wavy)
+    assert whole.parts == again.parts == 1
+    assert 0.0 < abs(again.value - whole.value) < again.error + whole.error < 1e-6
 
 
 def test_fields_of_two_charts_do_not_pair():
