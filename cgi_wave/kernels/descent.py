@@ -12,20 +12,22 @@ import numpy as np
 from numba import njit
 
 from cgi_wave.kernels.polynomials import JIT, horner, slope_at, taylor
+from cgi_wave.kernels.series import distance
 from cgi_wave.kernels.turns import FAST, half_turn
 
 GAUSS = 16
 WAVES = 4.0  # distance from a stationary point, in waves, from which the steepest-descent amplitude is used
 X16, W16 = np.polynomial.legendre.leggauss(GAUSS)
 
-# Gauss-Laguerre rules, and the least distance P (rad of phase to the nearest saddle) from which each is used: the
-# error of n nodes on (1 + i p/P)^(-1/2), the amplitude of a quadratic phase, is below (n!)²/P^(2n); here 1e-12.
+# Gauss-Laguerre rules, and the distance P (rad of phase to the nearest saddle) at which each is good to EXACT: the
+# error of n nodes on (1 + i p/P)^(-1/2), the amplitude of a quadratic phase, is below (n!)²/P^(2n).
+EXACT = 1e-12
 _COUNTS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 16])
 _LAG_X, _LAG_W = np.zeros((_COUNTS.size, 16)), np.zeros((_COUNTS.size, 16))
 for _k, _n in enumerate(_COUNTS):
     _LAG_X[_k, :_n], _LAG_W[_k, :_n] = np.polynomial.laguerre.laggauss(int(_n))
 _LAG_X /= 2.0 * np.pi  # cycles
-_REACH = np.array([(math.factorial(int(n)) ** 2 / 1e-12) ** (0.5 / int(n)) for n in _COUNTS])
+_LOG_REACH = np.array([math.log(math.factorial(int(n)) ** 2 / EXACT) / (2.0 * int(n)) for n in _COUNTS])
 # Panels between a stationary point and WAVES from it: fractions at which the quadratic phase turns evenly enough.
 _NEAR = np.array([0.0, 0.5, 0.77, 1.0])
 
@@ -137,21 +139,17 @@ def point_away(fl, x, side, waves):
 
 
 @njit(**JIT)
-def _rule(c):
-    """(index of the smallest Gauss-Laguerre rule that reaches 1e-12, its relative error) for Taylor coefficients c.
+def _rule(c, allowed):
+    """(index of the smallest Gauss-Laguerre rule whose relative error is ``allowed``, that error); −1 if none is.
 
-    By the distance in phase of the nearest saddle, from the first three derivatives of a line's phase, with a fifth of
-    margin. Index -1 if none does.
+    c: Taylor coefficients of a line's phase, of which the first three tell how far the nearest saddle is.
     """
-    d1, distance = abs(c[1]), 1e300
-    if c.shape[0] > 2 and c[2] != 0.0:
-        distance = min(distance, d1 * d1 / (4.0 * abs(c[2])))
-    if c.shape[0] > 3 and c[3] != 0.0:
-        distance = min(distance, 0.66 * d1 * math.sqrt(d1 / (3.0 * abs(c[3]))))
-    distance *= 0.8 * 2.0 * math.pi
+    nearest = distance(c[1], c[2] if c.shape[0] > 2 else 0.0, c[3] if c.shape[0] > 3 else 0.0)
+    here, slack = math.log(nearest), math.log(allowed / EXACT)
     for k in range(_COUNTS.size):
-        if distance >= _REACH[k]:
-            return k, 1e-12 * (_REACH[k] / distance) ** (2 * _COUNTS[k])
+        margin = 2.0 * _COUNTS[k] * (_LOG_REACH[k] - here)
+        if margin <= slack:
+            return k, EXACT * math.exp(margin)
     return -1, 0.0
 
 
@@ -221,20 +219,20 @@ def _at(c, count, zr, zi, vr, vi):
 
 @njit(**JIT)
 def descent(fl, al, bl, wl, x, ws):
-    """``descent_from`` with the Taylor coefficients of the phase at x."""
+    """``descent_from`` with the Taylor coefficients of the phase at x, as good as rules are."""
     c = ws[4][: fl.shape[0]]
     taylor(fl, x, c)
-    return descent_from(c, al, bl, wl, x, ws)
+    return descent_from(c, al, bl, wl, x, EXACT, ws)
 
 
 @njit(**JIT)
-def descent_from(c, al, bl, wl, x, ws):
+def descent_from(c, al, bl, wl, x, allowed, ws):
     """The slow amplitude E at x, times 1 and times the further factor; ok False where no rule reaches.
 
     c: Taylor coefficients of the phase at x. E = (1/2πi) ∫ a b / f' exp(−p) dp along the path f(z) = f(x) + i p/2π, all
-    nodes of a rule at a time. The largest relative error of the rules is gathered in ws[15, 0].
+    nodes of a rule at a time. The largest relative error of the rules, ``allowed`` at most, is gathered in ws[15, 0].
     """
-    rule, miss = _rule(c)
+    rule, miss = _rule(c, allowed)
     if rule < 0 or c[1] == 0.0:
         return 0j, 0j, False
     ws[15, 0] = max(ws[15, 0], miss)

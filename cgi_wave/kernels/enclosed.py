@@ -15,25 +15,10 @@ import numpy as np
 from numba import njit
 
 from cgi_wave.kernels.outline import GAUSS, GW, GX
-from cgi_wave.kernels.polynomials import JIT, along_ray, horner, slope_at
+from cgi_wave.kernels.polynomials import JIT, along_ray, gradient, horner, slope_at
 
 ALONG = 8  # nodes on a curve
 _X, _W = np.polynomial.legendre.leggauss(ALONG)
-
-
-@njit(**JIT)
-def _gradient(c, x, y):
-    """|∇| at a point of a polynomial (n, n)."""
-    n, gx, gy, value = c.shape[0], 0.0, 0.0, 0.0
-    for i in range(n - 1, -1, -1):
-        row, slope = 0.0, 0.0
-        for j in range(n - 1 - i, -1, -1):
-            slope = slope * y + row
-            row = row * y + c[i, j]
-        gx = gx * x + value
-        value = value * x + row
-        gy = gy * x + slope
-    return math.hypot(gx, gy)
 
 
 @njit(**JIT)
@@ -64,5 +49,6 @@ def enclosed(curves, owner, clear, residual, a, b):
             here = abs(horner(la, 1.0) * horner(lb, 1.0)) * math.hypot(dx, dy) * w
             rim += here
             if owner[k] >= 0:
-                edge += here * min(residual[owner[k]] / max(_gradient(clear[owner[k]], x, y), 1e-300), 2.0)
+                _, gx, gy = gradient(clear[owner[k]], x, y)
+                edge += here * min(residual[owner[k]] / max(math.hypot(gx, gy), 1e-300), 2.0)
     return cross, aa, bb, area, edge, rim

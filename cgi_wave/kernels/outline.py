@@ -1,4 +1,4 @@
-"""The outline of a pupil region: where rays from a pivot cross its boundary, where that has corners, its curves.
+"""The outline of a pupil region: where rays from a pivot cross its boundary, and where that has corners.
 
 The region is {all clearances > 0}, bounded by polynomials. Along a ray from the pivot (the origin of the frame used
 here) every bivariate polynomial becomes a univariate one. A ray may meet the region in any number of intervals: stars,
@@ -16,16 +16,12 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.polynomials import BATCH, JIT, horner, on_rays, powers
+from cgi_wave.kernels.polynomials import BATCH, JIT, gradient, horner, on_rays, powers
 
 GAUSS = BATCH  # nodes of a panel, whose rays are computed together
 _X16, _W16 = np.polynomial.legendre.leggauss(GAUSS)
 GX = 0.5 * (_X16 + 1.0)  # nodes and weights on (0, 1)
 GW = 0.5 * _W16
-_TO_CHEB = np.linalg.inv(np.polynomial.chebyshev.chebvander(_X16, GAUSS - 1))
-_TO_POWER = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
-for _k in range(GAUSS):
-    _TO_POWER[: _k + 1, _k] = np.polynomial.chebyshev.cheb2poly(np.eye(GAUSS)[_k])[: _k + 1]
 _TIE = 1e-12  # two boundaries closer than this (frame units) are the same boundary; what lies between them is counted
 _CLOSE = 0.05  # share of its own curvature below which a gap between boundaries is followed to its least width
 _SHARP = 1e-13  # rad to which a corner's angle is found: what _TIE leaves of it
@@ -51,7 +47,7 @@ def restrict(coef, theta, out):
 
 
 @njit(**JIT)
-def _restrict_many(coef, cosine, sine, power, out):
+def restrict_many(coef, cosine, sine, power, out):
     """``restrict`` for BATCH rays: out (BATCH, P, n); power (n, BATCH) is working space."""
     powers(cosine, power)
     for p in range(coef.shape[0]):
@@ -167,43 +163,51 @@ def _roots(c, top, out):
 
 
 @njit(**JIT)
-def _reach(ellipses, theta):
-    """Distance from the origin to the nearest of the domain ellipses (rows: centre x, y, semi-axes x, y)."""
-    c, s, reach = math.cos(theta), math.sin(theta), np.inf
+def _reach(ellipses, c, s):
+    """Distance from the origin to the nearest domain ellipse (rows: centre x, y, semi-axes x, y) along (c, s)."""
+    reach = np.inf
     for e in range(ellipses.shape[0]):
-        cx, cy, ax, ay = ellipses[e, 0], ellipses[e, 1], ellipses[e, 2], ellipses[e, 3]
-        qa = (c / ax) ** 2 + (s / ay) ** 2
-        qb = -(c * cx / ax**2 + s * cy / ay**2)
-        qc = (cx / ax) ** 2 + (cy / ay) ** 2 - 1.0
-        root = (-qb + math.sqrt(max(qb * qb - qa * qc, 0.0))) / qa
-        reach = min(reach, root)
+        cx, cy = ellipses[e, 0] / ellipses[e, 2], ellipses[e, 1] / ellipses[e, 3]
+        dx, dy = c / ellipses[e, 2], s / ellipses[e, 3]
+        qa, qb, qc = dx * dx + dy * dy, dx * cx + dy * cy, cx * cx + cy * cy - 1.0
+        reach = min(reach, (qb + math.sqrt(max(qb * qb - qa * qc, 0.0))) / qa)
     return reach
 
 
 @njit(**JIT)
-def _crossings(poly, ellipses, theta, at, owner):
-    """Where one ray crosses any clearance or leaves the domain (-2), ascending: fills at and owner; their number.
+def crossings(poly, ellipses, c, s, first, at, owner):
+    """Where the ray (c, s) crosses any clearance or leaves the domain (-2), ascending: fills at, owner; their number.
 
-    poly (K, n): the clearances along the ray.
+    poly (K, n): the clearances along the ray. first: a clearance that probably ends the light; where it does, all that
+    lies beyond is left out. -1: nothing is.
     """
-    top, found = _reach(ellipses, theta), 0
-    roots = np.empty(poly.shape[1] + 1)
-    for k in range(poly.shape[0]):
-        for r in range(_roots(poly[k], top, roots)):
+    count, top, found = poly.shape[0], _reach(ellipses, c, s), 0
+    reach, roots = top, np.empty(poly.shape[1] + 1)
+    for i in range(count):
+        k = (first + i) % count if first >= 0 else i
+        number = _roots(poly[k], top, roots)
+        for r in range(number):
             j = found
             while j > 0 and at[j - 1] > roots[r]:
                 at[j], owner[j] = at[j - 1], owner[j - 1]
                 j -= 1
             at[j], owner[j] = roots[r], k
             found += 1
+        if first >= 0 and number == 1 and poly[k, 0] > 0.0:
+            top = roots[0]
+    if top < reach:
+        return found
     at[found], owner[found] = top, -2
     return found + 1
 
 
 @njit(**JIT)
-def _intervals(poly, at, owner, found, ends, which, between):
-    """Intervals of one ray inside the region, from its crossings: see ``cast``."""
+def intervals_of(poly, at, owner, found, ends, which, between):
+    """Intervals of one ray inside the region, from its crossings: see ``cast``. Each changes a clearance's sign."""
     between[0] = between[1] = 0.0
+    dark = 0  # clearances that are negative here
+    for k in range(poly.shape[0]):
+        dark += poly[k, 0] < 0.0
     intervals, inside, x0, k0, i = 0, False, 0.0, -1, 0
     while i < found:
         x1, k1, j = at[i], owner[i], i
@@ -212,10 +216,7 @@ def _intervals(poly, at, owner, found, ends, which, between):
             if owner[j] != -2:
                 k1 = min(k1, owner[j]) if k1 != -2 else owner[j]
         between[0], between[1] = max(between[0], at[j] - x1), between[1] + (at[j] - x1) * at[j]
-        mid, positive = 0.5 * (x0 + x1), x1 - x0 >= _TIE
-        for k in range(poly.shape[0]):
-            if positive and horner(poly[k], mid) <= 0.0:
-                positive = False
+        positive = dark == 0 and x1 - x0 >= _TIE
         if positive and not inside:
             if intervals == MAX_INTERVALS:
                 return -1
@@ -224,7 +225,14 @@ def _intervals(poly, at, owner, found, ends, which, between):
         if positive:
             ends[intervals - 1, 1], which[intervals - 1, 1] = x1, k1
         inside = positive
-        x0, k0, i = x1, k1, j + 1
+        x0, k0 = x1, k1
+        while i <= j:
+            if owner[i] >= 0:
+                now = 0  # its crossings up to here
+                for q in range(i):
+                    now += owner[q] == owner[i]
+                dark += 1 if (poly[owner[i], 0] < 0.0) == (now % 2 == 1) else -1
+            i += 1
     return intervals
 
 
@@ -239,8 +247,8 @@ def cast(clear, ellipses, theta, ends, which, between):
     count_k, n = clear.shape[0], clear.shape[1]
     poly, at, owner = np.empty((count_k, n)), np.empty(count_k * n + 1), np.empty(count_k * n + 1, np.int64)
     restrict(clear, theta, poly)
-    found = _crossings(poly, ellipses, theta, at, owner)
-    return _intervals(poly, at, owner, found, ends, which, between)
+    found = crossings(poly, ellipses, math.cos(theta), math.sin(theta), -1, at, owner)
+    return intervals_of(poly, at, owner, found, ends, which, between)
 
 
 @njit(**JIT)
@@ -257,8 +265,50 @@ def _code(count, which):
 
 @njit(**JIT)
 def _signature(clear, ellipses, theta, ends, which, between):
-    """``_code`` of the ray at theta."""
-    return _code(cast(clear, ellipses, theta, ends, which, between), which)
+    """(``_code`` of the ray at theta, the number of its intervals)."""
+    count = cast(clear, ellipses, theta, ends, which, between)
+    return _code(count, which), count
+
+
+@njit(**JIT)
+def _meeting(clear, ends, which, count, theta):
+    """Where two rays' intervals are bounded by different clearances: (angle at which these meet, half a width).
+
+    ends, which (2, I, 2), count, theta (2,): intervals of both rays. By Newton's method on both clearances, from the
+    point between the rays. Within the width two boundaries may be one to _TIE. NaN where nothing is found.
+    """
+    if count[0] != count[1]:
+        return math.nan, math.nan
+    for j in range(count[0]):
+        for e in range(2):
+            first, second = which[0, j, e], which[1, j, e]
+            if first == second:
+                continue
+            if first < 0 or second < 0:
+                return math.nan, math.nan
+            x = 0.5 * (ends[0, j, e] * math.cos(theta[0]) + ends[1, j, e] * math.cos(theta[1]))
+            y = 0.5 * (ends[0, j, e] * math.sin(theta[0]) + ends[1, j, e] * math.sin(theta[1]))
+            for _ in range(12):
+                v0, gx0, gy0 = gradient(clear[first], x, y)
+                v1, gx1, gy1 = gradient(clear[second], x, y)
+                det = gx0 * gy1 - gx1 * gy0
+                if det == 0.0:
+                    break
+                dx, dy = (v0 * gy1 - v1 * gy0) / det, (v1 * gx0 - v0 * gx1) / det
+                x, y = x - dx, y - dy
+                size = math.hypot(x, y)
+                if not math.hypot(dx, dy) < size:
+                    break
+                if math.hypot(dx, dy) <= 1e-9 * size:  # what a further step would leave is about the square
+                    along0, along1 = gx0 * x + gy0 * y, gx1 * x + gy1 * y
+                    if along0 == 0.0 or along1 == 0.0:
+                        break
+                    apart = abs((gy0 * x - gx0 * y) / along0 - (gy1 * x - gx1 * y) / along1) * size  # of dr/dθ
+                    angle = math.atan2(y, x)
+                    angle += 2.0 * math.pi * math.ceil((theta[0] - angle) / (2.0 * math.pi))
+                    return angle, 2.0 * _TIE / max(apart, 1e-300) + 1e-15
+            return math.nan, math.nan
+    return math.nan, math.nan
 
 
 @njit(**JIT)
@@ -276,8 +326,8 @@ def _closest(clear, ellipses, lo, hi, j, code, ends, which, between):
         for e in range(2):
             if np.isnan(gap[e]):
                 restrict(clear, inner[e], poly)
-                found = _crossings(poly, ellipses, inner[e], at, owner)
-                count = _intervals(poly, at, owner, found, ends, which, between)
+                found = crossings(poly, ellipses, math.cos(inner[e]), math.sin(inner[e]), -1, at, owner)
+                count = intervals_of(poly, at, owner, found, ends, which, between)
                 if _code(count, which) != code:
                     return inner[e]
                 gap[e] = at[j + 1] - at[j] if j + 1 < found else np.inf
@@ -314,9 +364,10 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
         if (s + 1) % BATCH == 0:
             for r in range(BATCH):
                 cosine[r], sine[r] = math.cos(start + (s + r) * step), math.sin(start + (s + r) * step)
-            _restrict_many(clear, cosine, sine, power, lines)
-        found[now] = _crossings(poly, ellipses, theta, at[now], owner[now])
-        here = _code(_intervals(poly, at[now], owner[now], found[now], ends, which, between), which)
+            restrict_many(clear, cosine, sine, power, lines)
+        r = (s + 1) % BATCH
+        found[now] = crossings(poly, ellipses, cosine[r], sine[r], -1, at[now], owner[now])
+        here = _code(intervals_of(poly, at[now], owner[now], found[now], ends, which, between), which)
         if s >= 0:
             rays[s], code[s] = theta, here
         if s < 1 or not found[now] == found[before] == found[first]:
@@ -337,7 +388,8 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
                 continue
             place = _closest(clear, ellipses, theta - 2.0 * step, theta, j, here, ends, which, between)
             if start < place < start + 2.0 * math.pi:
-                rays[more], code[more] = place, _signature(clear, ellipses, place, ends, which, between)
+                rays[more] = place
+                code[more], _ = _signature(clear, ellipses, place, ends, which, between)
                 more += 1
     order = np.argsort(rays[:more])
     return rays[order], code[order]
@@ -345,124 +397,83 @@ def _scan_rays(clear, ellipses, scan, start, ends, which, between):
 
 @njit(**JIT)
 def find_breaks(clear, ellipses, scan, limit):
-    """Angles where the boundary is not smooth, found on `scan` rays and bisected to rounding.
+    """Angles where the boundary is not smooth, found on `scan` rays, by Newton's method or bisected to rounding.
 
-    Returns angles (B,), ascending, within one turn. B = limit + 1 says that there are more than
-    `limit`, or that a ray has more than eight intervals.
+    Returns angles (B,), ascending, within one turn, and whether the number of intervals changes at each (B,). B =
+    limit + 1 says that there are more than `limit`, or that a ray has more than eight intervals.
     """
-    ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
-    angles, found, between = np.zeros(limit + 1), 0, np.empty(2)
+    ends, which = np.empty((2, MAX_INTERVALS, 2)), np.empty((2, MAX_INTERVALS, 2), np.int64)
+    angles, changes, between = np.zeros(limit + 1), np.zeros(limit + 1, np.bool_), np.empty(2)
     start = 0.1234  # no ray along an axis, where symmetric pupils have their corners
-    rays, codes = _scan_rays(clear, ellipses, scan, start, ends, which, between)
+    rays, codes = _scan_rays(clear, ellipses, scan, start, ends[0], which[0], between)
+    side, count, found = np.empty(2), np.empty(2, np.int64), 0
     left, code_left = rays[0], codes[0]
     for ray in range(1, rays.size):
         right, code_right = rays[ray], codes[ray]
         while code_left != code_right:
             lo, hi, code_hi = left, right, code_right
-            for _ in range(60):
-                mid = 0.5 * (lo + hi)
-                if hi - lo <= _SHARP:
-                    break
-                code_mid = _signature(clear, ellipses, mid, ends, which, between)
-                if code_mid == code_left:
-                    lo = mid
-                else:
-                    hi, code_hi = mid, code_mid
+            side[0], side[1] = lo, hi
+            for e in range(2):
+                count[e] = cast(clear, ellipses, side[e], ends[e], which[e], between)
+            count_lo, count_hi = count[0], count[1]
+            place, width = _meeting(clear, ends, which, count, side)
+            met = lo < place - width and place + width < hi and width < 1e-9
+            if met:
+                before, _ = _signature(clear, ellipses, place - width, ends[0], which[0], between)
+                after, count_after = _signature(clear, ellipses, place + width, ends[0], which[0], between)
+                met = before == code_left and after != code_left
+                if met:
+                    hi, code_hi, count_hi = place + width, after, count_after
+            if not met:
+                for _ in range(60):
+                    place = 0.5 * (lo + hi)
+                    if hi - lo <= _SHARP:
+                        break
+                    middle, count_middle = _signature(clear, ellipses, place, ends[0], which[0], between)
+                    if middle == code_left:
+                        lo = place
+                    else:
+                        hi, code_hi, count_hi = place, middle, count_middle
+                place = hi
             if found == limit or code_hi < 0 or code_left < 0:
-                return angles
-            angles[found] = hi
+                return angles, changes
+            angles[found], changes[found] = place, count_lo != count_hi
             found += 1
             left, code_left = hi, code_hi
         left = right
     if code_left < 0:
-        return angles
-    return angles[:found].copy()
+        return angles, changes
+    return angles[:found].copy(), changes[:found].copy()
 
 
 @njit(**JIT)
-def warp(t, cornered):
-    """Map (0, 1) to itself, with a vanishing slope at both ends when they are corners; returns value and slope.
+def warp(t, turning):
+    """Map (0, 1) to itself, with a vanishing slope at both ends of a range that turns; returns value and slope.
 
-    Interval ends move like a square root where a ray is tangent to the boundary, and nearly so close to there.
+    Interval ends move like a square root where a ray is tangent to the boundary, which is where their number changes.
     """
-    if cornered:
+    if turning:
         return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
     return t, 1.0
 
 
 @njit(**JIT)
-def boundary_curves(clear, ellipses, span, cornered, tolerance, limit):
-    """Boundary of the region within one angle range as smooth curves, the region to their left.
+def spans(clear, ellipses, scan, limit):
+    """Angle ranges (B, 2) between places where the boundary is not smooth, and whether they turn (B,): ``warp``.
 
-    Returns (curves (C, 2, 16): powers of s in [-1, 1] of x(s) and y(s); owner (C,): the clearance that is 0 on each,
-    or −2 for a domain; missed: largest of the series' last terms and of the gaps between boundaries taken as one, in
-    frame units). Pieces are halved until the series end below tolerance. No curves and missed = inf: more than `limit`
-    curves, or a number of intervals that changes inside the range.
+    A range turns if the number of intervals changes at one of its ends. None, with more than ``limit`` such places:
+    these are the third.
     """
-    out, owner = np.empty((limit, 2, GAUSS)), np.empty(limit, np.int64)
-    ends, which = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64)
-    at = np.empty((GAUSS, MAX_INTERVALS, 2, 2))
-    count_k, n = clear.shape[0], clear.shape[1]
-    size = count_k * n + 1
-    crossing, whose = np.empty(size), np.empty(size, np.int64)
-    lines, theta, cosine, sine = np.empty((GAUSS, count_k, n)), np.empty(GAUSS), np.empty(GAUSS), np.empty(GAUSS)
-    power = np.empty((n, BATCH))
-    side, between = np.empty((MAX_INTERVALS, 2), np.int64), np.empty(2)
-    pieces = np.empty((64, 2))
-    pieces[0, 0], pieces[0, 1] = 0.0, 1.0
-    top, found, missed, width = 1, 0, 0.0, span[1] - span[0]
-    series = np.empty((2, GAUSS))
-    while top > 0:
-        top -= 1
-        t0, t1, count = pieces[top, 0], pieces[top, 1], -1
-        for g in range(GAUSS):
-            theta[g] = span[0] + width * warp(t0 + (t1 - t0) * GX[g], cornered)[0]
-            cosine[g], sine[g] = math.cos(theta[g]), math.sin(theta[g])
-        _restrict_many(clear, cosine, sine, power, lines)
-        for g in range(GAUSS):
-            found_here = _crossings(lines[g], ellipses, theta[g], crossing, whose)
-            here = _intervals(lines[g], crossing, whose, found_here, ends, which, between)
-            if here < 0 or (count >= 0 and here != count):
-                return out[:0], owner[:0], np.inf
-            count, missed = here, max(missed, between[0])
-            for j in range(count):
-                for e in range(2):
-                    side[j, e] = which[j, e]
-                    at[g, j, e, 0], at[g, j, e, 1] = ends[j, e] * cosine[g], ends[j, e] * sine[g]
-        worst = 0.0
-        for j in range(count):
-            for e in range(2):
-                for axis in range(2):
-                    for k in range(GAUSS - 3, GAUSS):
-                        total = 0.0
-                        for g in range(GAUSS):
-                            total += _TO_CHEB[k, g] * at[g, j, e, axis]
-                        worst = max(worst, abs(total))
-        if worst > tolerance and t1 - t0 > 1e-3:
-            if top + 2 > pieces.shape[0]:
-                return out[:0], owner[:0], np.inf
-            pieces[top, 0], pieces[top, 1] = t0, 0.5 * (t0 + t1)
-            pieces[top + 1, 0], pieces[top + 1, 1] = 0.5 * (t0 + t1), t1
-            top += 2
-            continue
-        missed = max(missed, worst)
-        for j in range(count):
-            for e in range(2):
-                if side[j, e] == -1:
-                    continue  # the pivot: a point, not a boundary
-                if found == limit:
-                    return out[:0], owner[:0], np.inf
-                for axis in range(2):
-                    for k in range(GAUSS):
-                        series[axis, k] = 0.0
-                        for g in range(GAUSS):
-                            series[axis, k] += _TO_CHEB[k, g] * at[g, j, e, axis]
-                    for k in range(GAUSS):
-                        total = 0.0
-                        for q in range(k, GAUSS):
-                            total += _TO_POWER[k, q] * series[axis, q]
-                        # outer ends run with growing angle, inner ones against it
-                        out[found, axis, k] = total if e == 1 or k % 2 == 0 else -total
-                owner[found] = side[j, e]
+    angles, changes = find_breaks(clear, ellipses, scan, limit)
+    count = angles.size
+    if count == 0:
+        return np.array([[0.0, 2.0 * math.pi]]), np.zeros(1, np.bool_), 0
+    out, turning, found = np.empty((count, 2)), np.empty(count, np.bool_), 0
+    if count <= limit:
+        for b in range(count):
+            start, stop = angles[b], angles[b + 1] if b + 1 < count else angles[0] + 2.0 * math.pi
+            if stop - start > _SHARP:
+                out[found, 0], out[found, 1] = start, stop
+                turning[found] = changes[b] or changes[(b + 1) % count]
                 found += 1
-    return out[:found].copy(), owner[:found].copy(), missed
+    return out[:found], turning[:found], count

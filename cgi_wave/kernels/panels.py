@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from cgi_wave.kernels.descent import (
+    EXACT,
     GAUSS,
     I2PI,
     W16,
@@ -31,16 +32,22 @@ from cgi_wave.kernels.polynomials import (
     slope_at,
     taylors,
 )
+from cgi_wave.kernels.series import MOST, distance, far_amplitudes, terms_for
 from cgi_wave.kernels.turns import FAST, half_turn
 
 CYCLES = 3.0  # phase per Gauss panel
+WIDE, WIDE_CYCLES = 4 * GAUSS, 22.0  # nodes of a wide one, which takes half as many of them a cycle, and its phase
 SPAN_CYCLES = 1.75  # the same across the area, where the phase is less even
 PIECES = 600  # pieces of one boundary panel before another mode, or a smaller box, is tried
 DEPTH = 26  # halvings of a boundary panel
+RULES = 1e-5  # part of a panel's tolerance that rules at its nodes may take
+WORTH = 1e-6  # the same for the end of its series
+ROUGHEST = 1e-6  # of them, where so little is asked for
 OK, DEEP, CROWDED = 0, 1, 2
 DIRECT_MODE, RADIAL_MODE, SADDLE_MODE, SLOPE_MODE, CURVE_MODE = 0, 1, 2, 3, 4
 NEAR, RIGHT, LEFT = 0, 1, -1
 
+_X64, _W64 = np.polynomial.legendre.leggauss(WIDE)
 TO_CHEBYSHEV = np.linalg.inv(np.polynomial.chebyshev.chebvander(X16, GAUSS - 1))
 TO_POWERS = np.zeros((GAUSS, GAUSS))  # Chebyshev coefficients -> powers
 for _k in range(GAUSS):
@@ -206,16 +213,49 @@ def _amplitudes(a, b, w, mode, power, place, als, bls, wls):
 
 
 @njit(**JIT)
-def _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws):
+def _far(lines, tangents, place, als, bls, wls, values, tol, work, ws):
+    """``_values`` of nodes that are all beyond the stationary point: by one series, or else by steepest descent.
+
+    tangents (n or more, 16), work (6, n, 16): working space. Errors allowed are a small part of ``tol`` each.
+    """
+    n, nearest, largest = lines.shape[1], 1e300, 0.0
+    taylors(lines, place[0], tangents)
+    for i in range(GAUSS):
+        slope, x = tangents[1, i], place[0, i]
+        if slope == 0.0:
+            return False
+        nearest = min(nearest, distance(slope, tangents[2, i], tangents[3, i]))
+        largest = max(largest, abs(horner(als[i], x) * horner(bls[i], x) / slope * place[2, i]))
+        values[0, i] = tangents[0, i]
+    allowed = min(max(RULES * 2.0 * math.pi * tol / max(largest, 1e-300), EXACT), ROUGHEST)
+    terms, missed = terms_for(nearest, allowed)
+    if terms > 0:
+        found = far_amplitudes(tangents, als, bls, wls, place[0], terms, nearest, work, values[1:])
+        if found <= 4.0 * allowed:
+            for q in range(4 if wls.shape[1] > 0 else 2):
+                for i in range(GAUSS):
+                    values[1 + q, i] *= place[2, i]
+            ws[15, 0] = max(ws[15, 0], found, missed)
+            return True
+    c = ws[4][:n]
+    for i in range(GAUSS):
+        for k in range(n):
+            c[k] = tangents[k, i]
+        e0, e1, ok = descent_from(c, als[i], bls[i], wls[i], place[0, i], allowed, ws)
+        if not ok:
+            return False
+        values[1, i], values[2, i] = e0.real * place[2, i], e0.imag * place[2, i]
+        values[3, i], values[4, i] = e1.real * place[2, i], e1.imag * place[2, i]
+    return True
+
+
+@njit(**JIT)
+def _values(mode, lines, place, als, bls, wls, values, ws):
     """Phase and amplitudes (5, 16) of Φ dy at the nodes; False where the asymptotic regime is not reached.
 
-    values: phase in cycles; Re and Im of the amplitude; the same times the further factor. tangents (16, n): working
-    space.
+    values: phase in cycles; Re and Im of the amplitude; the same times the further factor.
     """
     out = np.zeros(4)
-    far = not (mode == DIRECT_MODE or mode == CURVE_MODE or whole == NEAR)
-    if far:
-        taylors(lines, place[0], tangents)
     for i in range(GAUSS):
         fl, x, at = lines[i], place[0, i], place[3, i]
         al, bl, wl = als[i], bls[i], wls[i]
@@ -224,7 +264,7 @@ def _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws):
         if mode == DIRECT_MODE:
             turns = steepest_slope(fl, min(0.0, x), max(0.0, x)) * abs(x)
             add_span(fl, al, bl, wl, 0.0, x, 1 + int(turns / SPAN_CYCLES), 0.0, out, ws)
-        elif mode == CURVE_MODE or whole == NEAR:
+        else:
             if math.isnan(at):
                 return False
             values[0, i] = horner(fl, at)
@@ -234,12 +274,6 @@ def _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws):
                 ok = from_far(fl, al, bl, wl, at, x, values[0, i], out, ws)
             if not ok:
                 return False
-        else:
-            values[0, i] = horner(fl, x)
-            e0, e1, ok = descent_from(tangents[i], al, bl, wl, x, ws)
-            if not ok:
-                return False
-            out[0], out[1], out[2], out[3] = e0.real, e0.imag, e1.real, e1.imag
         for q in range(4):
             values[1 + q, i] = out[q] * place[2, i]
     return True
@@ -295,16 +329,19 @@ def _gauss_tail(c, d):
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def wave_sum(t, w, phase, re, im, turns, a, b):
-    """Sum over nodes t of w (re + i im) exp(i 2π phase), all three given as powers of t."""
+    """Sum over nodes t of w (re + i im) exp(i 2π phase), all three given as powers of t, a multiple of four of them."""
     size = t.shape[0]
     for i in range(size):
         turns[i], a[i], b[i] = 0.0, 0.0, 0.0
-    for k in range(phase.shape[0] - 1, -1, -1):
-        p, q, r = phase[k], re[k], im[k]
+    for k in range(phase.shape[0] - 4, -1, -4):  # four at a time: less to load and to store
+        p0, p1, p2, p3 = phase[k], phase[k + 1], phase[k + 2], phase[k + 3]
+        q0, q1, q2, q3 = re[k], re[k + 1], re[k + 2], re[k + 3]
+        r0, r1, r2, r3 = im[k], im[k + 1], im[k + 2], im[k + 3]
         for i in range(size):
-            turns[i] = turns[i] * t[i] + p
-            a[i] = a[i] * t[i] + q
-            b[i] = b[i] * t[i] + r
+            x = t[i]
+            turns[i] = (((turns[i] * x + p3) * x + p2) * x + p1) * x + p0
+            a[i] = (((a[i] * x + q3) * x + q2) * x + q1) * x + q0
+            b[i] = (((b[i] * x + r3) * x + r2) * x + r1) * x + r0
     real, imag = 0.0, 0.0
     for i in range(size):
         sine, cosine = half_turn((turns[i] - math.floor(turns[i] + 0.5)) * math.pi)
@@ -315,36 +352,48 @@ def wave_sum(t, w, phase, re, im, turns, a, b):
 
 
 @njit(**JIT)
-def _add(cheb, power, pieces, sums, ws):
-    """Adds the integral over a piece of many waves: amplitude times exp(i 2π phase), interpolated to Gauss panels."""
-    used = 1
-    for q in range(cheb.shape[0]):
-        size = 0.0
-        for k in range(GAUSS):
-            size = max(size, abs(cheb[q, k]))
-        for k in range(GAUSS):
-            if abs(cheb[q, k]) > 1e-17 * size:
-                used = max(used, k + 1)
+def _worth(cheb, largest, spare):
+    """(how many coefficients of the series (Q, 16) are worth their time, what the others change by at most).
+
+    A multiple of four. spare: what they may change the integral by; largest: amplitude.
+    """
+    used, left = GAUSS, 0.0
+    while used > 4:
+        here = 0.0
+        for k in range(used - 4, used):
+            here += 4.0 * math.pi * largest * abs(cheb[0, k])
+            for q in range(1, cheb.shape[0]):
+                here += 2.0 * abs(cheb[q, k])
+        if left + here > spare:
+            break
+        left += here
+        used -= 4
+    return used, left
+
+
+@njit(**JIT)
+def _add(cheb, power, used, pieces, size, sums, ws):
+    """Adds the integral over a piece of many waves: amplitude times exp(i 2π phase), interpolated to Gauss panels.
+
+    pieces: panels; size: nodes of each, GAUSS or WIDE.
+    """
     for q in range(cheb.shape[0]):
         for k in range(used):
             total = 0.0
             for j in range(k, used):
                 total += TO_POWERS[k, j] * cheb[q, j]
             power[q, k] = total
-    t, wt, turns, are, aim = ws[16], ws[17], ws[18], ws[19], ws[20]
-    count, longest = 0, ws.shape[1]
+    turns, are, aim = ws[18], ws[19], ws[20]
+    x, w = (X16, W16) if size == GAUSS else (_X64, _W64)
+    t, wt = ws[16, :size], ws[17, :size]
     for p in range(pieces):
-        for g in range(GAUSS):
-            t[count] = -1.0 + (2.0 * p + 1.0 + X16[g]) / pieces
-            wt[count] = W16[g] / pieces
-            count += 1
-        if count == longest or p == pieces - 1:
-            for channel in range(cheb.shape[0] // 2):
-                re, im = wave_sum(t[:count], wt[:count], power[0, :used], power[1 + 2 * channel, :used],
-                               power[2 + 2 * channel, :used], turns, are, aim)  # fmt: skip
-                sums[2 * channel] += re
-                sums[2 * channel + 1] += im
-            count = 0
+        for g in range(size):
+            t[g], wt[g] = -1.0 + (2.0 * p + 1.0 + x[g]) / pieces, w[g] / pieces
+        for channel in range(cheb.shape[0] // 2):
+            re, im = wave_sum(t, wt, power[0, :used], power[1 + 2 * channel, :used], power[2 + 2 * channel, :used],
+                              turns, are, aim)  # fmt: skip
+            sums[2 * channel] += re
+            sums[2 * channel + 1] += im
 
 
 @njit(**JIT)
@@ -357,7 +406,8 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
     """
     n, m = f.shape[0], a.shape[0]
     als, bls, wls = np.empty((GAUSS, m + 1)), np.empty((GAUSS, m + 1)), np.empty((GAUSS, w.shape[0]))
-    most, line, tangents = max(n, m, w.shape[0]), np.empty(n), np.empty((GAUSS, n))
+    most, line, tangents = max(n, m, w.shape[0]), np.empty(n), np.empty((max(n, MOST + 2), GAUSS))
+    work = np.empty((6, MOST + 2, GAUSS))
     cosines = np.empty((most, GAUSS))
     ends, level = np.empty((DEPTH + 4, 2)), np.empty(DEPTH + 4, np.int64)
     ends[0, 0], ends[0, 1], level[0] = -1.0, 1.0, 0
@@ -385,7 +435,10 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
             cut = _cut(px, py, f, mode, bend_sign, stretch, lo, hi, delta, line)
         else:
             _amplitudes(a, b, w, mode, cosines, place, als, bls, wls)
-            values_found = _values(mode, whole, lines, tangents, place, als, bls, wls, values, ws)
+            if mode == DIRECT_MODE or mode == CURVE_MODE or whole == NEAR:
+                values_found = _values(mode, lines, place, als, bls, wls, values, ws)
+            else:
+                values_found = _far(lines, tangents, place, als, bls, wls, values, tol, work, ws)
         if one and not values_found:
             # nodes that reach neither regime: only a smaller part of the boundary may
             if mode == CURVE_MODE or hi - lo < 1e-3:
@@ -422,13 +475,18 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
                         return error, nodes, spans_used, CROWDED
                     spans[spans_used, 0], spans[spans_used, 1] = horner(py, lo), horner(py, hi)
                     spans_used += 1
-                nodes += pieces * GAUSS
-                if pieces == 1:
+                size = GAUSS
+                if pieces > 4:
+                    size, pieces = WIDE, 1 + int(2.4 * fastest / WIDE_CYCLES)
+                nodes += pieces * size
+                if pieces == 1 and size == GAUSS:
                     for q in range(channels - 1):
                         for i in range(GAUSS):
                             sums[q] += wave[q, i] * W16[i]
                 else:
-                    _add(cheb[:channels], power, pieces, sums, ws)
+                    used, dropped = _worth(cheb[:channels], largest, WORTH * tol)
+                    error += dropped
+                    _add(cheb[:channels], power, used, pieces, size, sums, ws)
         if not math.isnan(cut):
             if depth >= DEPTH or top + 2 > ends.shape[0]:
                 return error, nodes, spans_used, DEEP

@@ -33,6 +33,21 @@ def slope_at(c, x):
 
 
 @njit(**JIT)
+def gradient(c, x, y):
+    """(value, derivatives by x and by y) at a point of a polynomial (n, n)."""
+    n, gx, gy, value = c.shape[0], 0.0, 0.0, 0.0
+    for i in range(n - 1, -1, -1):
+        row, slope = 0.0, 0.0
+        for j in range(n - 1 - i, -1, -1):
+            slope = slope * y + row
+            row = row * y + c[i, j]
+        gx = gx * x + value
+        value = value * x + row
+        gy = gy * x + slope
+    return value, gx, gy
+
+
+@njit(**JIT)
 def taylor(c, x, out):
     """Taylor coefficients of the polynomial c at x."""
     n = c.shape[0]
@@ -137,15 +152,15 @@ def on_lines(coef, y, out):
 
 @njit(**JIT)
 def taylors(lines, x, out):
-    """Taylor coefficients (BATCH, n) of BATCH polynomials (BATCH, n), each at its own x."""
-    n = lines.shape[1]
+    """First Taylor coefficients (terms, BATCH), terms <= n, of BATCH polynomials (BATCH, n), each at its own x."""
+    n, terms = lines.shape[1], out.shape[0]
     c = np.empty((n, 8))
     for h in range(0, BATCH, 8):
         x0, x1, x2, x3, x4, x5, x6, x7 = x[h], x[h + 1], x[h + 2], x[h + 3], x[h + 4], x[h + 5], x[h + 6], x[h + 7]
         for k in range(n):
             for q in range(8):
                 c[k, q] = lines[h + q, k]
-        for i in range(n - 1):
+        for i in range(min(terms, n - 1)):
             t0, t1, t2, t3, t4, t5, t6, t7 = (
                 c[n - 1, 0],
                 c[n - 1, 1],
@@ -166,9 +181,9 @@ def taylors(lines, x, out):
                 t6 = c[k, 6] + x6 * t6
                 t7 = c[k, 7] + x7 * t7
                 c[k, 0], c[k, 1], c[k, 2], c[k, 3], c[k, 4], c[k, 5], c[k, 6], c[k, 7] = t0, t1, t2, t3, t4, t5, t6, t7
-        for k in range(n):
+        for k in range(terms):
             for q in range(8):
-                out[h + q, k] = c[k, q]
+                out[k, h + q] = c[k, q] if k < n else 0.0
 
 
 @njit(**JIT)

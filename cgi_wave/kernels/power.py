@@ -24,10 +24,10 @@ _TAIL = np.ascontiguousarray(_LEGENDRE.T * GW * (2.0 * np.arange(GAUSS - _LAST, 
 
 
 @njit(cache=True, nogil=True)
-def products(clear, ellipses, residual, spans, cornered, amp, gx, gw, tol):
+def products(clear, ellipses, residual, spans, turning, amp, gx, gw, tol):
     """Integrals over the region of all products of amplitudes amp (S, n, n), powers of the frame.
 
-    residual (K,): error of each clearance; spans (B, 2), cornered (B,): segments of angle; gx, gw: Gauss nodes and
+    residual (K,): error of each clearance; spans (B, 2), turning (B,): segments of angle; gx, gw: Gauss nodes and
     weights on (0, 1) that integrate 2 n − 1 powers; tol: absolute error per rad above which a panel is halved.
 
     Returns (sums (S, S), area, edge: integral of the middle amplitude squared over the strip that the residual leaves
@@ -54,7 +54,7 @@ def products(clear, ellipses, residual, spans, cornered, amp, gx, gw, tol):
                 part[:, :] = 0.0
                 here_area, here_edge, here_between = 0.0, 0.0, 0.0
                 for g in range(GAUSS):
-                    place, slope = warp(t0 + (t1 - t0) * GX[g], cornered[b])
+                    place, slope = warp(t0 + (t1 - t0) * GX[g], turning[b])
                     theta = spans[b, 0] + width * place
                     weight = width * slope * (t1 - t0) * GW[g]
                     restrict(amp, theta, poly)

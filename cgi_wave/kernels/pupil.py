@@ -21,7 +21,7 @@ _FRACTIONS = 9  # radial fractions at which the phase variation in angle is meas
 
 
 @njit(**JIT)
-def angle_panels(clear, ellipses, phase, tilt, span, cornered, cycles, turn, extra, limit):
+def angle_panels(clear, ellipses, phase, tilt, span, turning, cycles, turn, extra, limit):
     """Panel breakpoints in t for the segment span = (theta0, theta1), of even phase variation and turning.
 
     phase (P, n, n) in cycles; tilt is an extra phase rate in cycles per unit length that the caller will add;
@@ -40,7 +40,7 @@ def angle_panels(clear, ellipses, phase, tilt, span, cornered, cycles, turn, ext
     total = np.zeros(points + 1)
     for i in range(points + 1):
         t = (i + 0.5) / (points + 1)  # never at the ends, where a tangent interval has no length
-        theta = span[0] + width * warp(t, cornered)[0]
+        theta = span[0] + width * warp(t, turning)[0]
         count = cast(clear, ellipses, theta, ends, which, between)
         restrict(phase, theta, poly)
         worst, bend = 0.0, 0.0
@@ -79,7 +79,7 @@ def angle_panels(clear, ellipses, phase, tilt, span, cornered, cycles, turn, ext
 
 
 @njit(**JIT)
-def segment_rays(clear, ellipses, span, cornered, breaks):
+def segment_rays(clear, ellipses, span, turning, breaks):
     """Rays of one segment: columns theta, weight d(theta), rho from, rho to; and the clearances at the two ends.
 
     Third, the area between boundaries that were taken as one.
@@ -92,7 +92,7 @@ def segment_rays(clear, ellipses, span, cornered, breaks):
     for p in range(panels):
         for g in range(GAUSS):
             t = breaks[p] + (breaks[p + 1] - breaks[p]) * GX[g]
-            place, slope = warp(t, cornered)
+            place, slope = warp(t, turning)
             theta = span[0] + width * place
             weight = width * slope * (breaks[p + 1] - breaks[p]) * GW[g]
             for j in range(cast(clear, ellipses, theta, ends, which, between)):

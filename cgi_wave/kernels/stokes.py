@@ -47,14 +47,17 @@ from cgi_wave.kernels.polynomials import (
     bernstein,
     bernstein_matrix,
     derivative_x,
+    gradient,
     horner,
     reparameter,
     second_order,
 )
+from cgi_wave.kernels.series import centre_amplitude
 
 DIRECT = 10.0  # boxes with less phase than this (cycles, range of Bernstein coefficients) are integrated directly
 STRETCH = 1.6  # part of a box, in half-widths, in which a line's stationary point is looked for
 EDGE = 3e-2  # distance of a boundary from a stationary point, in half-widths, below which rays from it are not used
+SERIES = 1e-3  # part of the tolerance that the series of a stationary point may take
 ROUND = 0.03  # least det/trace² of the second derivatives at a stationary point from which rays are used
 
 
@@ -80,39 +83,64 @@ def _centre(f):
 
 
 @njit(**JIT)
-def _centre_term(f, a, b, w, tol, sums, ws):
-    """Adds the stationary point's own term, ∮ C(θ) dθ over a full turn: trapezoidal rule, doubled until good to tol.
+def _all_round(f, a, b, w, by_series, tol, full, ws):
+    """∮ C(θ) dθ over a full turn: trapezoidal rule, doubled until good to tol. Fills full (4,); (error, ok).
 
-    Returns (error, ok). C is what ∫ from the centre and E exp(i 2π f) differ by along each ray; it hangs on θ alone.
+    C: what ∫ from the centre and E exp(i 2π f) differ by along each ray; it hangs on θ alone. By series it is the mean
+    of a ray and its opposite.
     """
     n, m = f.shape[0], a.shape[0]
     fl, al, bl, wl = np.empty(n), np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0])
-    out, before, full, error = np.zeros(4), np.zeros(4), np.zeros(4), 1e300
+    out, before, error, missed = np.zeros(4), np.zeros(4), 1e300, 0.0
+    period, rays = (math.pi, 2) if by_series else (2.0 * math.pi, 4)
     for doubling in range(7):
-        rays = 8 * 2**doubling
+        rays *= 2
         for q in range(4):
             before[q] = full[q]
             full[q] *= 0.5
         for k in range(rays):
             if doubling > 0 and k % 2 == 0:
                 continue  # counted in the rule before
-            c, s = math.cos(2.0 * math.pi * k / rays), math.sin(2.0 * math.pi * k / rays)
+            c, s = math.cos(period * k / rays), math.sin(period * k / rays)
             along_ray(f, c, s, fl)
-            amplitudes(a, b, w, np.int64(RADIAL_MODE), c, s, al, bl, wl)
-            out[:] = 0.0
-            far = point_away(fl, 0.0, 1.0, WAVES)
-            if math.isnan(far) or not even_slope(fl, far):
-                return 0.0, False
-            if not from_far(fl, al, bl, wl, 0.0, 0.0, fl[0], out, ws):
-                return 0.0, False
+            if by_series:
+                along_ray(a, c, s, al[:-1])
+                along_ray(b, c, s, bl[:-1])
+                along_ray(w, c, s, wl)
+                missed = max(missed, centre_amplitude(fl, al[:-1], bl[:-1], wl, out))
+            else:
+                amplitudes(a, b, w, np.int64(RADIAL_MODE), c, s, al, bl, wl)
+                out[:] = 0.0
+                far = point_away(fl, 0.0, 1.0, WAVES)
+                if math.isnan(far) or not even_slope(fl, far):
+                    return 0.0, False
+                if not from_far(fl, al, bl, wl, 0.0, 0.0, fl[0], out, ws):
+                    return 0.0, False
+                for q in range(4):
+                    out[q] = -out[q]
             for q in range(4):
-                full[q] -= out[q] * 2.0 * math.pi / rays
+                full[q] += out[q] * 2.0 * math.pi / rays
+        if 2.0 * math.pi * missed > tol:
+            return 0.0, False
         if doubling > 0:
             # the rule converges geometrically: twice the rays square the relative error
             change = math.hypot(full[0] - before[0], full[1] - before[1])
             error = min(change, 4.0 * change * change / max(math.hypot(full[0], full[1]), 1e-300))
             if error <= tol:
                 break
+    return error + 2.0 * math.pi * missed, True
+
+
+@njit(**JIT)
+def _centre_term(f, a, b, w, tol, sums, ws):
+    """Adds the stationary point's own term, by its series if that is good to a part of tol; (error, ok)."""
+    full = np.zeros(4)
+    error, ok = _all_round(f, a, b, w, True, SERIES * tol, full, ws)
+    if not ok:
+        full[:] = 0.0
+        error, ok = _all_round(f, a, b, w, False, tol, full, ws)
+        if not ok:
+            return 0.0, False
     turn = np.exp(I2PI * (f[0, 0] - math.floor(f[0, 0])))
     sums[0] += full[0] * turn.real - full[1] * turn.imag
     sums[1] += full[0] * turn.imag + full[1] * turn.real
@@ -209,14 +237,28 @@ def _frame(panels, f, a, b, w, mode, cx, cy, radius, c, s, bend_sign, stretch, t
 
 
 @njit(**JIT)
+def _sampled_waves(f):
+    """Cycles through which f runs on the unit disc at least: by its values at the centre and on two circles."""
+    least, largest = f[0, 0], f[0, 0]
+    for k in range(12):
+        radius = 1.0 if k % 3 else 0.5
+        value, _, _ = gradient(f, radius * math.cos(math.pi * k / 6.0), radius * math.sin(math.pi * k / 6.0))
+        least, largest = min(least, value), max(largest, value)
+    return largest - least
+
+
+@njit(**JIT)
 def _box(panels, f, a, b, w, convert, tol, result):
     """Adds one box's integral to result (8: Re, Im, Re1, Im1, error, ∫|Φ|, largest phase, nodes); False: cut it."""
     cx, cy, radius = _middle(panels)
     if radius == 0.0:
         return True
     own = affine(f, cx, cy, radius, 0.0, 0.0, radius)
-    low, high = bernstein(own, 1.0, 1.0, convert)
-    waves = high - low
+    # Where samples say that it is many waves, bounds of the range are not needed: they cost as much as a piece.
+    waves, bounded = _sampled_waves(own), False
+    if waves <= DIRECT:
+        low, high = bernstein(own, 1.0, 1.0, convert)
+        waves, bounded = high - low, True
     # One call for all modes: each call of a compiled function with another constant would be compiled on its own.
     for attempt in range(2):
         mode, x, y, c, s, bend_sign, stretch = np.int64(DIRECT_MODE), 0.0, 0.0, 1.0, 0.0, 1.0, 1.0
@@ -226,6 +268,9 @@ def _box(panels, f, a, b, w, convert, tol, result):
             if not found:
                 continue
         elif waves > DIRECT:
+            if not bounded:
+                low, high = bernstein(own, 1.0, 1.0, convert)
+                waves, bounded = high - low, True
             mode, c, s, bend_sign, stretch = _choose(own, convert, waves)
             if mode == DIRECT_MODE:
                 return False

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.polynomials import JIT
+from cgi_wave.kernels.polynomials import JIT, expanded
 
 GRID = 41
 _ROUNDS = 14  # refinements of the grid: slivers down to 1e-7 of the box are found
@@ -31,31 +31,22 @@ def _chebyshev(at, centre, scale, out):
 @njit(**JIT)
 def _on_grid(clearance, support, centre, scale, x, y, every, least):
     """Fills every (K, G, G) with all clearances on a grid, and least (G, G) with the least, the domains among them."""
-    n = clearance.shape[1]
-    across, along, row = np.empty((n, x.shape[0])), np.empty((n, y.shape[0])), np.empty(n)
-    for g in range(x.shape[0]):
-        for h in range(y.shape[0]):
-            least[g, h] = np.inf
-            for s in range(centre.shape[0]):
-                a, b = (x[g] - centre[s, 0]) / scale[s, 0], (y[h] - centre[s, 1]) / scale[s, 1]
-                least[g, h] = min(least[g, h], 1.0 - a * a - b * b)
-    for k in range(clearance.shape[0]):
-        s = support[k]
-        if k == 0 or s != support[k - 1]:
-            _chebyshev(x, centre[s, 0], scale[s, 0], across)
-            _chebyshev(y, centre[s, 1], scale[s, 1], along)
+    n, first = clearance.shape[1], 0
+    across, along = np.empty((n, x.shape[0])), np.empty((n, y.shape[0]))
+    least[:] = np.inf
+    for s in range(centre.shape[0]):
+        a, b = ((x - centre[s, 0]) / scale[s, 0]) ** 2, ((y - centre[s, 1]) / scale[s, 1]) ** 2
         for g in range(x.shape[0]):
-            row[:] = 0.0
-            for i in range(n):
-                for j in range(n - i):
-                    row[j] += across[i, g] * clearance[k, i, j]
-            line = every[k, g]
-            line[:] = 0.0
-            for j in range(n):
-                for h in range(y.shape[0]):
-                    line[h] += row[j] * along[j, h]
             for h in range(y.shape[0]):
-                least[g, h] = min(least[g, h], line[h])
+                least[g, h] = min(least[g, h], 1.0 - a[g] - b[h])
+        _chebyshev(x, centre[s, 0], scale[s, 0], across)
+        _chebyshev(y, centre[s, 1], scale[s, 1], along)
+        while first < clearance.shape[0] and support[first] == s:
+            every[first] = np.dot(across.T, np.dot(clearance[first], along))
+            for g in range(x.shape[0]):
+                for h in range(y.shape[0]):
+                    least[g, h] = min(least[g, h], every[first, g, h])
+            first += 1
 
 
 @njit(**JIT)
@@ -90,19 +81,24 @@ def _needless(grid, cell, keep, k):
 
 
 @njit(**JIT)
-def _bounding(first, last):
-    """Which clearances, given on two grids (K, G, G), can bound the region: the others are positive where the rest are.
+def _bounding(grids, refined):
+    """Which clearances, given on two grids (2, K, G, G), can bound the region: others are positive where the rest are.
 
     All comparisons leave the change over one cell as a margin. Clearances go one by one, the most positive first. One
-    of the grids has to cover all that rays can reach, or a piece that only a dropped clearance excludes would appear.
+    of the grids, the first, has to cover all that rays can reach, or a piece that only a dropped clearance excludes
+    would appear; the second counts if ``refined``.
     """
-    count = first.shape[0]
-    keep, left, lowest = np.ones(count, np.bool_), count, np.empty(count)
+    count, used = grids.shape[1], 2 if refined else 1
+    keep, left, lowest, cells = np.ones(count, np.bool_), count, np.empty(count), np.empty((used, count))
     for k in range(count):
-        lowest[k] = -last[k].min()
-    cells_first, cells_last = _cells(first), _cells(last)
+        lowest[k] = -grids[used - 1, k].min()
+    for q in range(used):
+        cells[q] = _cells(grids[q])
     for k in np.argsort(lowest):
-        if left > 1 and _needless(first, cells_first, keep, k) and _needless(last, cells_last, keep, k):
+        needless = left > 1
+        for q in range(used):
+            needless = needless and _needless(grids[q], cells[q], keep, k)
+        if needless:
             keep[k] = False
             left -= 1
     return keep
@@ -124,11 +120,10 @@ def survey(clearance, support, centre, scale):
     keep = np.ones(count, np.bool_)
     if hi[0] <= lo[0] or hi[1] <= lo[1]:
         return pivot, frame, np.empty((0, 2)), keep
-    first, last, least = np.empty((count, GRID, GRID)), np.empty((count, GRID, GRID)), np.empty((GRID, GRID))
+    grids, least = np.empty((2, count, GRID, GRID)), np.empty((GRID, GRID))
     x, y = np.linspace(lo[0], hi[0], GRID), np.linspace(lo[1], hi[1], GRID)
-    _on_grid(clearance, support, centre, scale, x, y, first, least)
-    last[:] = first
-    points, lit = np.empty((GRID * GRID, 2)), 0
+    _on_grid(clearance, support, centre, scale, x, y, grids[0], least)
+    points, lit, refined = np.empty((GRID * GRID, 2)), 0, False
     for _ in range(_ROUNDS):
         step[0], step[1] = x[1] - x[0], y[1] - y[0]
         lit, top, right, left, most, best = 0, 0, 0, GRID, -np.inf, (0, 0)
@@ -150,15 +145,44 @@ def survey(clearance, support, centre, scale):
             lo[0], hi[0] = x[bottom] - 1.5 * step[0], x[top] + 1.5 * step[0]
             lo[1], hi[1] = y[left] - 1.5 * step[1], y[right] + 1.5 * step[1]
         x, y = np.linspace(lo[0], hi[0], GRID), np.linspace(lo[1], hi[1], GRID)
-        _on_grid(clearance, support, centre, scale, x, y, last, least)
+        _on_grid(clearance, support, centre, scale, x, y, grids[1], least)
+        refined = True
     found = points[:lit].copy()
     if lit > 0:
         for a in range(2):
             pivot[a] = found[:, a].mean()
             frame[a] = np.abs(found[:, a] - pivot[a]).max() + 1.5 * step[a]
             found[:, a] = (found[:, a] - pivot[a]) / frame[a]
-        keep = _bounding(first, last)
+        keep = _bounding(grids, refined)
     return pivot, frame, found, keep
+
+
+@njit(**JIT)
+def common(clearance, support, centre, scale):
+    """``survey``, and what bounds it in its own frame: (pivot, frame, points, keep, powers, ellipses).
+
+    powers (kept, k, k): of the kept clearances, no larger than their degree asks for; ellipses (S, 4): centres and
+    semi-axes of the domains.
+    """
+    pivot, frame, points, keep = survey(clearance, support, centre, scale)
+    n, top, kept, row = clearance.shape[1], 1, 0, 0
+    powers, ellipses = np.empty((clearance.shape[0], n, n)), np.empty((centre.shape[0], 4))
+    for s in range(centre.shape[0]):
+        ellipses[s, :2], ellipses[s, 2:] = (centre[s] - pivot) / frame, scale[s] / frame
+        first = row
+        while row < clearance.shape[0] and support[row] == s:
+            row += 1
+        here = expanded(clearance[first:row], (pivot - centre[s]) / scale[s], frame / scale[s], n)
+        for k in range(first, row):
+            if keep[k]:
+                powers[kept] = here[k - first]
+                kept += 1
+    for k in range(kept):
+        for i in range(n):
+            for j in range(n - i):
+                if powers[k, i, j] != 0.0:
+                    top = max(top, i + 1, j + 1)
+    return pivot, frame, points, keep, powers[:kept, :top, :top].copy(), ellipses
 
 
 @njit(**JIT)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -34,6 +36,7 @@ from cgi_wave.wave.stokes import NO_FACTOR, boundary_integral
 FEW_WAVES, MANY_TONES = 12.0, 4
 CURVES = 1e-3  # error of the boundary's curves, frame units, for a tolerance of 1
 NODE_LIMIT = 129  # wavenumbers at which one pair may be computed
+_ONE = np.ones((1, 1))
 _TINY = 1e-3  # |value| below which the slope is the plain mean: the weighted one loses its meaning
 
 
@@ -84,24 +87,45 @@ class _Pair:
 
 
 def _pair(m: PupilField, l: PupilField, sigma: Array, region: Region) -> _Pair:  # noqa: E741
-    n = region.terms
-
-    def in_frame(field: PupilField, coef: Array) -> Array:
-        return expand(coef, field.support.centre, field.support.scale, region.pivot, region.frame, n)
-
-    def at(field: PupilField, coef: Array, weights: Array) -> Array:
-        powers = in_frame(field, coef)
-        return (weights @ powers.reshape(len(powers), -1)).reshape(-1, n, n)
-
-    weights_m, weights_l = m.weights(sigma), l.weights(sigma)
-    path = at(m, m.opl, weights_m) - at(l, l.opl, weights_l)
+    weights, n = (_weights(m, sigma), _weights(l, sigma)), region.terms
+    path, a = _in_frame(m, weights[0], region)
+    path_l, b = _in_frame(l, weights[1], region)
+    path -= path_l
     opd_m = path[:, 0, 0].copy()
     path[:, 0, 0] = 0.0
-    alike = m.space == "direction" and m.bend == 0.0
-    steer = None if alike else in_frame(m, m.direction[1]) - in_frame(l, l.direction[1])
-    a, b = at(m, m.amplitude, weights_m), at(l, l.amplitude, weights_l)
-    powers = m.power_at(sigma), l.power_at(sigma)
-    return _Pair(region, path * sigma[:, None, None], opd_m, a, b, steer, np.sqrt(powers[0] * powers[1]), powers)
+    path *= sigma[:, None, None]
+    steer = None
+    if m.space != "direction" or m.bend != 0.0:
+        directions = [
+            expand(f.direction[1], f.support.centre, f.support.scale, region.pivot, region.frame, n) for f in (m, l)
+        ]
+        steer = directions[0] - directions[1]
+    powers = _powers(m, weights[0]), _powers(l, weights[1])
+    return _Pair(region, path, opd_m, a, b, steer, np.sqrt(powers[0] * powers[1]), powers)
+
+
+def _powers(field: PupilField, weights: Array) -> Array:
+    """(T,) power of a field where its wavenumbers have ``weights`` (T, S)."""
+    found: Array = field.power_gram[0] if weights is _ONE else ((weights @ field.power_gram) * weights).sum(axis=1)
+    return found
+
+
+def _weights(field: PupilField, sigma: Array) -> Array:
+    """``field.weights``, without the search where a field of one wavenumber is asked for at that."""
+    if field.sigma.size == sigma.size == 1 and field.sigma[0] == sigma[0]:
+        return _ONE
+    return field.weights(sigma)
+
+
+def _in_frame(field: PupilField, weights: Array, region: Region) -> tuple[Array, Array]:
+    """Path length and amplitude (T, n, n) of a field as powers of a region's frame; weights (T, S)."""
+    support, n = field.support, region.terms
+    both = np.concatenate((field.opl, field.amplitude))
+    powers = expand(both, support.centre, support.scale, region.pivot, region.frame, n)
+    if weights is _ONE:
+        return powers[:1], powers[1:]
+    found = weights @ powers.reshape(2, weights.shape[1], n * n)
+    return found[0].reshape(-1, n, n), found[1].reshape(-1, n, n)
 
 
 def _check_pair(m: PupilField, l: PupilField) -> None:  # noqa: E741
@@ -127,29 +151,30 @@ def _boundary(pair: _Pair, tol: float) -> tuple[Integral, str]:
     region, middle, count = pair.region, pair.phase.shape[0] // 2, pair.phase.shape[0]
     around = boundary(region, CURVES * tol)
     flat, change, unweighted = _flat(pair, around, slice(middle, middle + 1))
-    area = float(np.prod(region.frame))
+    area = region.unit
     factor = NO_FACTOR if pair.steer is None else pair.steer
     found = [
         boundary_integral(around.curves, phase, a, b, factor if t == middle else NO_FACTOR, tol * norm / area)
         for t, (phase, a, b, norm) in enumerate(zip(pair.phase, pair.a, pair.b, pair.norm, strict=True))
     ]
     error = area * np.array([f.error for f in found]) + flat.strip
-    worst = float(np.max(error / pair.norm))
+    worst = float((error / pair.norm).max())
     if worst > 2.0 * tol:
         raise MethodLimitError(
             BOUNDARY, f"error bound {worst:.2g} for a tolerance of {tol:.2g}", worst / tol, f"ask for {worst:.2g}"
         )
+    cross, aa, bb, changes = np.array([[flat.cross], [flat.aa], [flat.bb], [change]]).repeat(count, axis=1)
     return Integral(
         np.array([area * f.value for f in found], np.complex128),
-        np.full(count, flat.cross),
-        np.full(count, flat.aa),
-        np.full(count, flat.bb),
+        cross,
+        aa,
+        bb,
         area * found[middle].weighted,
         unweighted,
         flat.area,
         flat.edge,
         error,
-        np.full(count, change),
+        changes,
         max(f.nodes for f in found),
     ), BOUNDARY
 
@@ -213,13 +238,13 @@ def overlap(m: PupilField, l: PupilField, sigma: Array, tol: float = 1e-6, metho
     pair = _pair(m, l, sigma, region)
     total, name = _METHODS[method](pair, tol)
     raw = total.value / pair.norm
-    value = (raw * np.exp(1j * (m.phase - l.phase))).astype(np.complex128)
+    value = raw * cmath.exp(1j * (m.phase - l.phase))
     middle = sigma.size // 2
     weighted = abs(raw[middle]) > _TINY
     slope = (
         (total.weighted / total.value[middle]).real if weighted else total.unweighted / max(total.cross[middle], 1e-300)
     )
-    share = float(np.sqrt(total.aa[middle] * total.bb[middle]) / pair.norm[middle])
+    share = math.sqrt(total.aa[middle] * total.bb[middle]) / float(pair.norm[middle])
     fit = _misfit(m, l, sigma, pair.powers, total.cross / pair.norm, np.abs(raw), total.area)
     rounding = 4e-16 * (2.0 * np.pi * np.abs(pair.phase).sum(axis=(1, 2)) + 10.0)
     error = (total.error + total.edge) / pair.norm + fit + rounding
@@ -269,7 +294,8 @@ def _misfit(
 ) -> Array:
     """(T,) what the residuals of the two fits can change: phase, amplitudes, and the powers in the normaliser."""
     phase = np.minimum(2.0 * np.pi * sigma * (m.opl_residual + l.opl_residual), 2.0) * cross
-    amplitude = sum(f.amplitude_residual * np.sqrt(area / p) for f, p in zip((m, l), powers, strict=True))
+    root = area**0.5
+    amplitude = root * (m.amplitude_residual / np.sqrt(powers[0]) + l.amplitude_residual / np.sqrt(powers[1]))
     return phase + amplitude + 0.5 * size * (m.power_error + l.power_error)
 
 

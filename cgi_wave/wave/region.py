@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
-from cgi_wave.kernels import enclosed, outline, pupil, survey
-from cgi_wave.wave.basis import Array, expand
+from cgi_wave.kernels import curves, enclosed, outline, pupil, survey
+from cgi_wave.wave.basis import Array
 
 METHOD = "boundary-fitted Gauss panels"
 NODE_CAP = 4_000_000  # nodes of one quadrature, before its T wavenumbers
@@ -24,6 +24,7 @@ FIRST_CYCLES, FIRST_TURN, REFINEMENT = 5.0, 1.6, 1.5  # phase (cycles) and turni
 _LEVELS = 8
 _BREAK_LIMIT = 200
 _SCANS = (120, 240, 480)  # rays on which the boundary's corners are looked for, per level
+_MOST_CURVES = 512
 _CURVES = 1e-13, 1e-9  # frame units: the finest and the coarsest curves that are asked for
 
 
@@ -41,6 +42,11 @@ class Support:
     clearance: Array
     residual: Array
 
+    @cached_property
+    def trimmed(self) -> Array:
+        """``clearance`` without the powers that none of them has."""
+        return trimmed(self.clearance)
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -57,6 +63,11 @@ class Region:
     ellipses: Array
     extent: Array
     terms: int
+
+    @property
+    def unit(self) -> float:
+        """Area of the frame's unit square in units of u²."""
+        return float(self.frame[0] * self.frame[1])
 
 
 def trimmed(clearance: Array) -> Array:
@@ -106,51 +117,44 @@ class Integral:
 def find_region(supports: Sequence[Support]) -> Region | None:
     """The common region of the supports, or None when they do not meet (slivers down to 1e-7 of the box are found)."""
     centre, scale = np.array([s.centre for s in supports]), np.array([s.scale for s in supports])
-    polynomials = [trimmed(s.clearance) for s in supports]
+    polynomials = [s.trimmed for s in supports]
     most = max(p.shape[-1] for p in polynomials)
     stacked, owner = np.zeros((sum(map(len, polynomials)), most, most)), list[int]()
     for number, polynomial in enumerate(polynomials):
         size = polynomial.shape[-1]
         stacked[len(owner) : len(owner) + len(polynomial), :size, :size] = polynomial
         owner += [number] * len(polynomial)
-    pivot, frame, extent, keep = survey.survey(stacked, np.array(owner, np.int64), centre, scale)
+    pivot, frame, extent, keep, powers, ellipses = survey.common(stacked, np.array(owner, np.int64), centre, scale)
     if extent.size == 0:
         return None
-    n = max(s.clearance.shape[-1] for s in supports)
-    clearance = np.concatenate([expand(s.clearance, s.centre, s.scale, pivot, frame, n) for s in supports])
-    ellipses = np.column_stack([(centre - pivot) / frame, scale / frame])
-    residual = np.concatenate([s.residual for s in supports])
-    return Region(pivot, frame, trimmed(clearance[keep]), residual[keep], ellipses, extent, n)
+    residual = np.concatenate([s.residual for s in supports])[keep]
+    return Region(pivot, frame, powers, residual, ellipses, extent, max(s.clearance.shape[-1] for s in supports))
 
 
-def _segments(region: Region, level: int) -> list[tuple[Array, bool]]:
-    """Angle ranges (theta0, theta1) between corners, and whether their ends are corners (not so for a full turn).
+def segments(region: Region, level: int = 0) -> tuple[Array, NDArray[np.bool_]]:
+    """Angle ranges (B, 2) between corners, and whether the number of intervals changes at one of their ends (B,).
 
     Two levels share a search, so that a corner that the coarse one missed is found before the fine one is believed.
+    Raises MethodLimitError beyond _BREAK_LIMIT corners.
     """
-    return _corners(region, _SCANS[min(level // 2, len(_SCANS) - 1)])
-
-
-def segments(region: Region) -> tuple[Array, NDArray[np.bool_]]:
-    """``_segments`` of the coarsest levels as arrays: angle ranges (B, 2), and whether their ends are corners (B,)."""
-    found = _segments(region, 0)
-    return np.array([span for span, _ in found]), np.array([cornered for _, cornered in found])
+    return _spans(region, _SCANS[min(level // 2, len(_SCANS) - 1)])
 
 
 @lru_cache(maxsize=8)
-def _corners(region: Region, scan: int) -> list[tuple[Array, bool]]:
-    angles = outline.find_breaks(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
-    if angles.size > _BREAK_LIMIT:
+def _spans(region: Region, scan: int) -> tuple[Array, NDArray[np.bool_]]:
+    ranges, turning, corners = outline.spans(region.clearance, region.ellipses, scan, _BREAK_LIMIT)
+    _check_corners(corners)
+    return ranges, turning
+
+
+def _check_corners(count: int) -> None:
+    if count > _BREAK_LIMIT:
         raise MethodLimitError(
             METHOD,
             f"the boundary of the common support has more than {_BREAK_LIMIT} corners or eight pieces along a line",
-            angles.size / _BREAK_LIMIT,
+            count / _BREAK_LIMIT,
             "lower the degree of the fit or merge the apertures that nearly coincide",
         )
-    if angles.size == 0:
-        return [(np.array([0.0, 2.0 * np.pi]), False)]
-    ends = np.append(angles, angles[0] + 2.0 * np.pi)
-    return [(ends[b : b + 2], True) for b in range(angles.size) if ends[b + 1] - ends[b] > 1e-13]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,21 +175,19 @@ def boundary(region: Region, tolerance: float) -> Boundary:
 
     Raises MethodLimitError when a part of the boundary cannot be followed.
     """
-    curves, owner, missed = [], [], 0.0
-    fine = float(np.clip(tolerance, *_CURVES))
-    for span, cornered in _segments(region, 0):
-        part, which, off = outline.boundary_curves(region.clearance, region.ellipses, span, cornered, fine, 512)
-        if not np.isfinite(off):
-            raise MethodLimitError(
-                METHOD,
-                f"the boundary between {span[0]:.4g} and {span[1]:.4g} rad cannot be followed",
-                1.0,
-                "lower the degree of the fit or merge the apertures that nearly coincide",
-            )
-        curves.append(part)
-        owner.append(which)
-        missed = max(missed, off)
-    return Boundary(np.concatenate(curves), np.concatenate(owner), missed)
+    fine = min(max(tolerance, _CURVES[0]), _CURVES[1])
+    found, owner, missed, corners = curves.boundary(
+        region.clearance, region.ellipses, _SCANS[0], _BREAK_LIMIT, fine, _MOST_CURVES
+    )
+    _check_corners(corners)
+    if missed == np.inf:
+        raise MethodLimitError(
+            METHOD,
+            "a part of the boundary of the common support cannot be followed",
+            1.0,
+            "lower the degree of the fit or merge the apertures that nearly coincide",
+        )
+    return Boundary(found, owner, missed)
 
 
 def _refuse(nodes: float, waves: float) -> MethodLimitError:
@@ -210,13 +212,13 @@ def build(region: Region, steering: Array, tilt: float, level: int) -> Quadratur
     cycles, turn = FIRST_CYCLES / REFINEMENT**level, FIRST_TURN / REFINEMENT**level
     rays, owner, between = [], [], 0.0
     limit = NODE_CAP // outline.GAUSS**2
-    for span, cornered in _segments(region, level):
+    for span, turning in zip(*segments(region, level), strict=True):
         breaks = pupil.angle_panels(
-            region.clearance, region.ellipses, steering, tilt, span, cornered, cycles, turn, level, limit
+            region.clearance, region.ellipses, steering, tilt, span, turning, cycles, turn, level, limit
         )
         if breaks.size == 1:
             raise _refuse(float(breaks[0]) ** 2 * outline.GAUSS**2, spread(region, steering))
-        part, ends, gaps = pupil.segment_rays(region.clearance, region.ellipses, span, cornered, breaks)
+        part, ends, gaps = pupil.segment_rays(region.clearance, region.ellipses, span, turning, breaks)
         between += gaps
         rays.append(part)
         owner.append(ends)
@@ -252,7 +254,7 @@ def rough(region: Region, around: Boundary, a: Array, b: Array) -> Rough:
     cross, aa, bb, size, edge, rim = enclosed.enclosed(
         around.curves, around.owner, region.clearance, region.residual, a, b
     )
-    area = float(np.prod(region.frame))
+    area = region.unit
     more = 1.01 * area
     return Rough(cross * more, aa * area, bb * area, size * more, edge * more, around.missed * rim * more)
 
@@ -265,7 +267,7 @@ def integrate(region: Region, phase: Array, a: Array, b: Array, weight: Array, n
     """
     middle = phase.shape[0] // 2
     steering = phase[[int(np.argmax(np.abs(phase).sum(axis=(1, 2))))]]
-    area = float(np.prod(region.frame))
+    area = region.unit
     before: tuple[Array, Array, float] | None = None
     worst = np.inf
     for level in range(_LEVELS):

@@ -36,9 +36,13 @@ def test_rays_and_lines(rng, n):
 
 def test_taylor_coefficients(rng):
     n = 9
-    lines, x, out = rng.standard_normal((BATCH, n)), rng.uniform(-1.0, 1.0, BATCH), np.empty((BATCH, n))
+    lines, x, out = rng.standard_normal((BATCH, n)), rng.uniform(-1.0, 1.0, BATCH), np.empty((n + 2, BATCH))
+    few = np.empty((4, BATCH))
     taylors(lines, x, out)
-    for line, at, moved in zip(lines, x, out, strict=True):
+    taylors(lines, x, few)
+    np.testing.assert_array_equal(few, out[:4])
+    assert not out[n:].any()
+    for line, at, moved in zip(lines, x, out.T, strict=True):
         assert polynomial.polyval(0.3, moved) == pytest.approx(polynomial.polyval(at + 0.3, line), abs=1e-12)
 
 

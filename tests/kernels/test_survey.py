@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cgi_wave.kernels.survey import spread, survey
+from cgi_wave.kernels.survey import common, spread, survey
 
 
 def circle(x: float, radius: float, sign: float = 1.0) -> np.ndarray:
@@ -60,3 +60,21 @@ def test_spread_of_a_polynomial():
     poly[0, 0], poly[2, 1], poly[0, 3] = 7.0, 1.5, -2.0
     values = 7.0 + 1.5 * points[:, 0] ** 2 * points[:, 1] - 2.0 * points[:, 1] ** 3
     assert spread(poly, points) == pytest.approx(np.ptp(values), rel=1e-13)
+
+
+def test_clearances_in_the_frame_of_their_region():
+    """Two discs on supports of their own: the same values as powers of the frame, and only those that bound."""
+    supports = np.array([[0.0, 0.0], [0.5, -0.1]]), np.array([[1.0, 1.0], [0.9, 0.8]])
+    padded = np.zeros((3, 5, 5))  # powers that none of them has are left out
+    padded[:, :3, :3] = circle(0.0, 0.6), circle(0.0, 0.99), circle(0.1, 0.5)
+    owner = np.array([0, 0, 1])
+    pivot, frame, points, keep, powers, ellipses = common(padded, owner, *supports)
+    assert keep.tolist() == [True, False, True]
+    assert powers.shape == (2, 3, 3)
+    u = pivot + frame * points
+    for power, k in zip(powers, (0, 2), strict=True):
+        x = (u - supports[0][owner[k]]) / supports[1][owner[k]]
+        exact = np.polynomial.chebyshev.chebval2d(*x.T, padded[k])
+        assert np.polynomial.polynomial.polyval2d(*points.T, power) == pytest.approx(exact, abs=1e-13)
+    np.testing.assert_allclose(pivot + frame * ellipses[:, :2], supports[0], atol=1e-15)
+    np.testing.assert_allclose(frame * ellipses[:, 2:], supports[1], rtol=1e-15)
