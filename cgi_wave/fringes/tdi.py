@@ -7,7 +7,6 @@ contrast and is one sample at the mean OPD. Rows of repeated zones with the same
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,15 +102,6 @@ class Charge:
         self._held[k % depth] = 0.0
         self._frame += 1
         return full if k >= depth - 1 else None
-
-
-def accumulate(frames: Iterable[Real], plan: Tdi) -> Iterator[Real]:
-    """(G, X) per frame, from frame ``plan.offsets[-1]`` on: see ``Charge.add``."""
-    charge = Charge(plan)
-    for frame in frames:
-        full = charge.add(frame)
-        if full is not None:
-            yield full
 
 
 def _smear(moves: Motion, reach: int) -> float:
