@@ -69,7 +69,7 @@ def test_misfit_is_what_a_sample_left_out_is_missed_by():
     off = np.array(off).T
     chosen = np.random.default_rng(2).random((3, 90)) < 0.2
     worst = climb(x, values, (7,), chosen).worst[0, :2]
-    np.testing.assert_allclose(worst.T, [np.where(chosen[:2], off, 0.0).max(axis=1), off.max(axis=1)], rtol=1e-7)
+    np.testing.assert_allclose(worst.T, [np.where(chosen[:2], off, 0.0).max(axis=1), off.max(axis=1)], rtol=1e-8)
 
 
 def test_the_last_degree_is_the_first_that_does():
