@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cgi_wave.errors import InputError
 from cgi_wave.fringes import chebyshev
 from cgi_wave.fringes.field import FieldPair, FringeField
-from cgi_wave.fringes.imaging import SPARE, Span
+from cgi_wave.fringes.imaging import Span
 from cgi_wave.fringes.nominal_image import NominalImage
 from cgi_wave.fringes.pattern import Layer, fringe_patterns
 from cgi_wave.fringes.preparation import choose
@@ -105,9 +105,7 @@ class _Point:
         if ready.blur is not None:
             whole = ready.blur
             blur = replace(whole, weights=whole.weights[..., strip], column=whole.column[strip], precision=np.float64)
-            first = int(np.floor(self.zone.row + self.span.low)) - SPARE
-            last = int(np.ceil(self.zone.row + self.span.high)) + self.zone.shape[0] + SPARE
-            self.image = blur.image(self.maps, (first, last))
+            self.image = blur.over(self.maps, self.zone, self.span)
 
     def along(self, layers: tuple[Layer, ...]) -> Array:
         """(J,) what the layers give on each row, in its frame."""

@@ -15,7 +15,7 @@ from cgi_wave.budget.setting import filter_of
 from cgi_wave.fringes.beams_on_scene import Beams
 from cgi_wave.fringes.edge import edge_error
 from cgi_wave.fringes.field import FringeField, at_sigma
-from cgi_wave.fringes.imaging import SPARE, Span
+from cgi_wave.fringes.imaging import Span
 from cgi_wave.fringes.layer import Zone
 from cgi_wave.fringes.mutual_error import mutual_error
 from cgi_wave.fringes.nominal_image import NominalBlur, NominalImage, nominal_blur
@@ -89,11 +89,7 @@ class Ready:
         psf_window, psf_arms : of the nominal PSF between traced points, beyond its window, and by beam; mutual,
         mutual_bound : what pairs with ghosts have of images of their own, measured on the scene, and bounded
         """
-        image = None
-        if self.blur is not None:
-            first = int(np.floor(self.zone.row + span.low)) - SPARE
-            last = int(np.ceil(self.zone.row + span.high)) + self.zone.shape[0] + SPARE
-            image = self.blur.image(self.scene.maps, (first, last))
+        image = None if self.blur is None else self.blur.over(self.scene.maps, self.zone, span)
         beams = self.choice.beams(span, image)
         bare = beams if self.bare is self.choice else None
         if nominal and bare is None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cgi_wave.fringes import blur, chebyshev, smooth
 from cgi_wave.fringes.field import NominalPsf
+from cgi_wave.fringes.imaging import SPARE, Span
 from cgi_wave.fringes.layer import Zone
 
 Array = NDArray[np.float64]
@@ -90,6 +91,11 @@ class NominalBlur:
             out, self.along, " and ".join(sorted({how.method for how in self.how})), len(self.shapes), self.error,
             measured + 0.5 * self.lost * reach, self.outside * reach, 0.5 * self.arms * reach, rows[0],
         )  # fmt: skip
+
+    def over(self, maps: Real, zone: Zone, span: Span) -> NominalImage:
+        """The image on the rows that a zone looks at on the scrolls of a span, and SPARE more."""
+        first = int(np.floor(zone.row + span.low)) - SPARE
+        return self.image(maps, (first, int(np.ceil(zone.row + span.high)) + zone.shape[0] + SPARE))
 
     def _largest(self, image: Real, kernel: Array, rows: tuple[int, int]) -> float:
         """Largest |value| of an image through a kernel."""
