@@ -30,7 +30,8 @@ class Rays:
     """Rays of one path, at S wavenumbers, that share one source direction or one detector point.
 
     u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
-    amplitude (S, N): √(power · Jacobian); clearance (K, S, N); direction (S, N, 2); pupil (S, N, 2) m;
+    amplitude (S, N): √(power · Jacobian); clearance (K, S, N), the entrance pupil's first; direction (S, N, 2);
+    catch (K', S, N): clearances of the detector's edge where it does not end the beam; pupil (S, N, 2) m;
     x (S, N, 2) m on the detector; phase rad; theta (S, N, 2): cosines of the source direction.
     even (N,): rays that are spread evenly over the pupil, each for a cell of ``cell`` m² (the others line the rim).
     """
@@ -46,6 +47,7 @@ class Rays:
     even: NDArray[np.bool_]
     cell: float
     theta: Array
+    catch: Array
 
     def power(self) -> tuple[float, float]:
         """Sum of amplitude² over the even rays that pass (shared detector point, middle wavenumber), and its error.
@@ -179,19 +181,31 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
     crossed = caustics(sequence, p[nearest], aimed.theta[keep][nearest], "theta")
     even = (np.arange(NODES) < NODES - RING)[keep]
-    return _stack(parts, system.pupil_radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
+    none = np.empty((0, len(parts), len(p)))
+    return _stack(parts, none, system.pupil_radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
 
 
 def rays_from_direction(
-    system: OpticalSystem, path: Path, theta: Array, x0: Array, sigmas: Array, count: int = NODES, bend: float = 0.0
+    system: OpticalSystem,
+    path: Path,
+    theta: Array,
+    x0: Array,
+    sigmas: Array,
+    count: int = NODES,
+    bend: float = 0.0,
+    beyond: bool = False,
 ) -> Rays:
     """Rays of ``path`` from one source direction; phases about the detector point ``x0``; ``count`` of them.
 
-    Â(u) has amplitude |∂p/∂u|^½, u = q − bend (x − x0): see ``rays.charts`` on ``bend``, 1/m. Raises EmptyBeamError if
-    no ray arrives.
+    Â(u) has amplitude |∂p/∂u|^½, u = q − bend (x − x0): see ``rays.charts`` on ``bend``, 1/m. beyond: whether rays that
+    miss the detector, in its plane, belong to the beam; its edge is then in ``catch``. Raises EmptyBeamError if no ray
+    arrives.
     """
     middle = len(sigmas) // 2
     sequence = compile_sequence(system, path, float(sigmas[middle]))
+    edge = sequence.aperture[-1:]
+    if beyond:
+        sequence = sequence.beyond()
     radius = system.pupil_radius
     centre, half = np.zeros(2), radius * OVER
     for last in (False, False, False, True):
@@ -210,7 +224,8 @@ def rays_from_direction(
     nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
     phase = ray_phase(sequence, p[keep][nearest], theta, found.dx[keep][nearest], found.dq[keep][nearest], bend)
     p = p[keep]
-    parts = []
+    bounding = sequence.aperture[: -1 if beyond else None]
+    parts, catch = [], []
     for s, sigma in enumerate(sigmas):
         at = compile_sequence(system, path, float(sigma))
         here = found if s == middle else trace_with_derivatives(at, p, theta, "p")
@@ -219,13 +234,16 @@ def rays_from_direction(
             traced, by_p = traced.some(keep), by_p[keep]
         u, opl = in_chart(traced, p, theta, x0, bend)
         amplitude = np.sqrt(traced.power / np.maximum(np.abs(determinants(by_p)), 1e-300))
-        clearance = clearance_rows(sequence.aperture, traced.foot)
+        clearance = clearance_rows(bounding, traced.foot)
+        catch.append(clearance_rows(edge, traced.foot[-1:]) if beyond else np.empty((0, len(p))))
         same = np.broadcast_to(theta, p.shape)
         parts.append((u, opl, amplitude, clearance, traced.direction, p, traced.x, same))
-    return _stack(parts, radius, phase, even, half, count)
+    return _stack(parts, np.stack(catch, axis=1), radius, phase, even, half, count)
 
 
-def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES) -> Rays:
+def _stack(
+    parts: list, catch: Array, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES
+) -> Rays:
     u, opl, amplitude, clearance, direction, p, x, theta = (
         np.stack(values) if len(values) > 1 else values[0][None] for values in zip(*parts, strict=True)
     )
@@ -234,4 +252,4 @@ def _stack(parts: list, radius: float, phase: float, even: NDArray[np.bool_], ha
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
     near = clearance.min(axis=(1, 2)) < COMFORTABLE
     near[0] = True
-    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell, theta)
+    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell, theta, catch)

@@ -33,7 +33,7 @@ class PupilRays:
 
     p (N, 2) m; x (N, 2) m from x0, on the detector; q (N, 2) direction cosines there; opl (N,) m: Λ − q·(x − x0), with
     the p·θ of the incoming plane wave in it; power (N,) of the coatings; clearance (K, N), that of the entrance pupil
-    first; dx, dq (N, 2, 2): ∂x/∂p and ∂q/∂p.
+    first; catch (K', N): of the detector's edge, which is not among these; dx, dq (N, 2, 2): ∂x/∂p and ∂q/∂p.
     """
 
     sequence: Sequence
@@ -44,6 +44,7 @@ class PupilRays:
     opl: Array
     power: Array
     clearance: Array
+    catch: Array
     dx: Array
     dq: Array
 
@@ -59,18 +60,19 @@ class PupilRays:
     def some(self, keep: NDArray[np.bool_]) -> PupilRays:
         """The rays of a mask (N,)."""
         return PupilRays(self.sequence, self.theta, self.p[keep], self.x[keep], self.q[keep], self.opl[keep],
-                         self.power[keep], self.clearance[:, keep], self.dx[keep], self.dq[keep])  # fmt: skip
+                         self.power[keep], self.clearance[:, keep], self.catch[:, keep], self.dx[keep], self.dq[keep])  # fmt: skip
 
 
 def rays_from_points(
     system: OpticalSystem, path: Path, theta: Array, x0: Array, sigma: float, points: Array
 ) -> PupilRays:
-    """Rays from pupil points (N, 2), m, of source direction theta (2,).
+    """Rays from pupil points (N, 2), m, of source direction theta (2,), on the plane of the detector, also beyond it.
 
     Raises EmptyBeamError if all of them fail, MethodLimitError if rays pass every aperture and yet are no light (lines
     carried backwards): no clearance tells where these end.
     """
-    sequence = compile_sequence(system, path, sigma)
+    edged = compile_sequence(system, path, sigma)
+    sequence = edged.beyond()
     found = trace_with_derivatives(sequence, points, theta, "p")
     keep = found.traced.valid
     if not keep.any():
@@ -88,8 +90,9 @@ def rays_from_points(
         traced, p, dx, dq = traced.some(keep), p[keep], dx[keep], dq[keep]
     q, opl = in_chart(traced, p, theta, x0, 0.0)
     pupil = 1.0 - (p**2).sum(axis=1) / system.pupil_radius**2
-    clearance = np.concatenate([pupil[None], clearance_rows(sequence.aperture, traced.foot)])
-    return PupilRays(sequence, theta, p, traced.x - x0, q, opl, traced.power, clearance, dx, dq)
+    clearance = np.concatenate([pupil[None], clearance_rows(sequence.aperture[:-1], traced.foot)])
+    catch = clearance_rows(edged.aperture[-1:], traced.foot[-1:])
+    return PupilRays(sequence, theta, p, traced.x - x0, q, opl, traced.power, clearance, catch, dx, dq)
 
 
 def in_chart(traced: Traced, p: Array, theta: Array, x0: Array, bend: float) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -71,6 +71,12 @@ class Sequence:
             self.rot, self.shift, self.curvature, self.conic, self.n1, self.n2, self.mode, self.side, self.weight,
             self.bare, self.aperture, self.film,
         )  # fmt: skip
+
+    def beyond(self) -> Sequence:
+        """The same with a last surface that has no edge."""
+        aperture = self.aperture.copy()
+        aperture[-1, 0] = 0.0
+        return replace(self, aperture=aperture)
 
     def upto(self, count: int) -> Sequence:
         """The first ``count`` surfaces of the sequence."""

@@ -43,21 +43,35 @@ def look_up(field: PupilField, u: Array) -> Lookup:
     return Lookup(within, values[0], values[1], values[2:])
 
 
-def shared(field: PupilField, u: Array, clearance: Array) -> NDArray[np.bool_]:
-    """(N,) which rays at u (N, 2), with clearances (K, N) of their own, are lit together with ``field``."""
-    found = look_up(field, u)
-    lit = found.within & (clearance > 0.0).all(axis=0)
+@dataclass(frozen=True)
+class Meeting:
+    """Rays of a beam in the chart of another beam's field, and that field where they go.
+
+    u (N, 2), opl (N,) m, det (N,): as ``rays.charts.PupilRays.chart`` has them; found: the other field at u; lit (N,):
+    rays that pass, where the other field is lit too.
+    """
+
+    u: Array
+    opl: Array
+    det: Array
+    found: Lookup
+    lit: NDArray[np.bool_]
+
+
+def meeting(chart: tuple[Array, Array, Array], passes: NDArray[np.bool_], field: PupilField) -> Meeting:
+    """Rays of a beam, u, path and determinant in a chart, of which some pass (N,), with a ``field`` in that chart."""
+    found = look_up(field, chart[0])
+    lit = found.within & passes
     lit[found.within] &= (found.clearance > 0.0).all(axis=0)
-    return lit
+    return Meeting(*chart, found, lit)
 
 
 def product_samples(
     label: str,
     p: Array,
-    u: Array,
-    opl: Array,
+    met: Meeting,
+    same: NDArray[np.bool_],
     power: Array,
-    det: Array,
     direction: Array,
     clearance: Array,
     phase: float,
@@ -65,13 +79,14 @@ def product_samples(
 ) -> PupilSamples:
     """The product Â_m Â_l* |∂u/∂p| over the pupil of m, as one field: p (N, 2) m, clearance (K, N) of m.
 
-    Rays outside the domain of ``field``, which is dark there, are left out.
+    Of the rays ``same`` (N,) says which are on one sheet; those outside the domain of ``field``, which is dark there,
+    are left out.
     """
-    found = look_up(field, u)
-    keep = found.within
-    amplitude = np.sqrt(power[keep] * np.abs(det[keep])) * found.amplitude
-    edges = np.concatenate([clearance[:, keep], found.clearance])
+    found = met.found
+    keep, among = found.within & same, same[found.within]
+    amplitude = np.sqrt(power[keep] * np.abs(met.det[keep])) * found.amplitude[among]
+    edges = np.concatenate([clearance[:, keep], found.clearance[:, among]])
     sigma = field.sigma[[field.sigma.size // 2]]
-    return PupilSamples(label, "pupil", p[keep][None], sigma, (opl[keep] - found.opl)[None], amplitude[None],
+    return PupilSamples(label, "pupil", p[keep][None], sigma, (met.opl[keep] - found.opl[among])[None], amplitude[None],
                         edges[:, None], direction[keep][None], phase - field.phase,
                         field.reference_point)  # fmt: skip

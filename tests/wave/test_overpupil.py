@@ -8,7 +8,7 @@ import pytest
 from synthetic_beams import cloud
 
 from cgi_wave.errors import FoldedFieldError, InputError
-from cgi_wave.wave import overpupil
+from cgi_wave.wave import pupilfields
 from cgi_wave.wave.field import fit_field
 from cgi_wave.wave.overlap import overlap
 from cgi_wave.wave.overpupil import contrast_over_pupil
@@ -49,6 +49,10 @@ class ByHand:
     @property
     def clearance(self):
         return 1.0 - (self.p.T / X) ** 2
+
+    @property
+    def catch(self):
+        return np.empty((0, len(self.p)))
 
     def path(self):
         s, t = self.p.T / X
@@ -183,7 +187,7 @@ def test_parts_of_a_pupil_add_up_to_the_whole(monkeypatch):
     """Degrees too low for the whole: the pupil is cut, and the sum is within both bounds."""
     whole = found(SIGMA, rays=Wavy)
     for name in ("FINE_DEGREES", "HIGH_DEGREES"):
-        monkeypatch.setattr(overpupil, name, (4, 6, 8))
+        monkeypatch.setattr(pupilfields, name, (4, 6, 8))
     parts = found(SIGMA, rays=Wavy)
     assert whole.parts == 1 < parts.parts
     assert abs(parts.value - whole.value) < parts.error + whole.error < 1e-5
@@ -192,7 +196,7 @@ def test_parts_of_a_pupil_add_up_to_the_whole(monkeypatch):
 def test_more_rays_and_higher_degrees_come_before_a_cut(monkeypatch):
     """What the first rays' polynomials do not follow, those of more rays do, however many these are."""
     whole = found(SIGMA, rays=Wavy)
-    monkeypatch.setattr(overpupil, "MORE", 3000)
+    monkeypatch.setattr(pupilfields, "MORE", 3000)
     again = found(SIGMA, rays=Wavy)
     assert whole.parts == again.parts == 1
     assert 0.0 < abs(again.value - whole.value) < again.error + whole.error < 1e-6
