@@ -20,7 +20,8 @@ from cgi_wave.budget.ghosts import families, ghost_rows
 from cgi_wave.budget.other_light import other_light
 from cgi_wave.budget.pictures import psf_pictures, spot_pictures
 from cgi_wave.budget.plan import PairPlan
-from cgi_wave.budget.pointsource import CONTRAST_TOLERANCE, PointSource, point_source, without_directions
+from cgi_wave.budget.pointfields import CONTRAST_TOLERANCE, without_directions
+from cgi_wave.budget.pointsource import PointSource, point_source
 from cgi_wave.budget.polarisation import PolarisationBound, polarisation_bound
 from cgi_wave.budget.select import AMPLITUDE_FLOOR, POWER_FLOOR, Untraced, select_ghosts, untraced
 from cgi_wave.budget.setting import Setting, band_setting

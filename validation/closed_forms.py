@@ -21,7 +21,7 @@ sys.path[:0] = [str(TESTS / "budget"), str(TESTS / "rays")]
 
 import chain_cases as cases  # noqa: E402
 
-from cgi_wave.budget.pointsource import direction_field  # noqa: E402
+from cgi_wave.budget.pointfields import direction_field  # noqa: E402
 from cgi_wave.budget.setting import band_setting  # noqa: E402
 from cgi_wave.errors import CgiWaveError  # noqa: E402
 from cgi_wave.fringes.nma import nma_error_exact  # noqa: E402

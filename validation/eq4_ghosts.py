@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from cgi_wave.analysis import band_setting
-from cgi_wave.budget.pointsource import contrast_of, direction_field, nominal_fields
+from cgi_wave.budget.contrast import contrast_of
+from cgi_wave.budget.pointfields import direction_field, nominal_fields
 from cgi_wave.budget.select import select_ghosts
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.optics.system import OpticalSystem, load_instrument

@@ -1,12 +1,13 @@
 """Every γ of every ghost with the nominal beam, all field points and bands: bounds, refusals, and what it takes.
 
-    uv run python -m validation.ghost_contrasts [--json] [--bands NIR VIS] [--fields N] [--every N] [--threads N]
+    uv run python -m validation.ghost_contrasts [--json] [--bands NIR VIS] [--fields N] [--every N] [--processes N]
                                                 [--tolerance T] [--charts BAND]
 
-One process, kernels compiled beforehand. Seconds are told apart: tracing the ghosts' rays, fitting their fields over
-direction cosines, the contrasts of these, and what remains, whose bounds exceed the tolerance or which have no such
-field: more rays, or the ghost's own pupil (docs/contrast.md). Finding paths and nominal fields is not counted. CPU
-seconds stand beside wall time, which other jobs stretch.
+Kernels compiled beforehand, as many processes as asked for, each with every other ghost. Seconds are told apart:
+tracing the ghosts' rays; fitting their fields over direction cosines; making other fields where these do not do, by
+more rays or over the ghost's own pupil (docs/contrast.md); and the contrasts of all these fields. They are means over the
+processes, whose sum is the time from the first one's start to the last one's end but for waiting. Finding paths and
+nominal fields is not counted.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ import argparse
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -26,30 +29,30 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from cgi_wave.analysis import list_bands
-from cgi_wave.budget.pointsource import (
-    CONTRAST_TOLERANCE,
-    FINE_RAYS,
-    SHARE,
+from cgi_wave.budget.contrast import (
+    FINER_RAYS,
     Contrast,
-    OverDirections,
+    better,
     contrast_of,
-    field_of,
-    nominal_fields,
     over_directions,
+    over_either,
+    pupil_fields,
 )
+from cgi_wave.budget.pointfields import CONTRAST_TOLERANCE, FINE_RAYS, GhostField, fine_field, fine_rays, nominal_fields
 from cgi_wave.budget.select import select_ghosts
 from cgi_wave.budget.setting import band_setting
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.optics.system import OpticalSystem, load_instrument
-from cgi_wave.rays.beams import Rays, nominal_direction, rays_from_direction
+from cgi_wave.rays.beams import nominal_direction
 from cgi_wave.rays.charts import rays_from_points
 from cgi_wave.rays.paths import Path, find_paths
 from cgi_wave.report.output import to_json
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.overpupil import contrast_over_pupil
+from cgi_wave.wave.pupilfields import PupilFields
 
 Array = NDArray[np.float64]
-STEPS = ("tracing", "fitting", "contrasts", "rest")
+STEPS = ("tracing", "fitting", "other fields", "contrasts")
 
 
 @dataclass(frozen=True)
@@ -62,57 +65,76 @@ class Place:
     nominal: Callable[[float], PupilField]
 
 
+class Clock:
+    """Seconds of each step."""
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STEPS, 0.0)
+
+    @contextmanager
+    def on(self, step: str) -> Iterator[None]:
+        """What is done meanwhile counts for ``step``."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[step] += time.perf_counter() - started
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one process did: γ or why there is none, by ghost; ghosts that do not arrive; seconds of each step; start
+    and end by the machine's clock."""
+
+    done: list[tuple[str, Contrast | str]]
+    dark: int
+    seconds: dict[str, float]
+    start: float
+    end: float
+
+
 def study(
     bands: Sequence[str] | None = None,
     fields: int = 5,
     every: int = 1,
-    threads: int = 2,
+    processes: int = 2,
     tolerance: float = CONTRAST_TOLERANCE,
     progress: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Figures by band and together. fields: how many of the field points; every: one ghost in so many."""
     found = []
     for name in bands or list_bands():
-        system = load_instrument().band(name)
-        paths = select_ghosts(band_setting(system), find_paths(system))
-        found.append(_band(system, paths[:1], paths[2::every], fields, threads, tolerance))
-        progress(f"{name}: {found[-1]['pairs']} pairs, {sum(found[-1]['seconds'].values()):.1f} s")
-    summed = ("pairs", "no_light", "refused", "above_tolerance", "over_the_pupil", "bent_charts")
+        found.append(_band(name, fields, every, processes, tolerance))
+        progress(f"{name}: {found[-1]['pairs']} pairs, {found[-1]['elapsed']:.1f} s")
+    summed = ("pairs", "no_light", "refused", "above_tolerance", "over_the_pupil", "bent_charts", "elapsed")
     total: dict[str, Any] = {key: sum(row[key] for row in found) for key in summed}
-    for kind in ("seconds", "cpu_seconds"):
-        total[kind] = {step: sum(row[kind][step] for row in found) for step in STEPS}
-    total["seconds_all"] = sum(total["seconds"].values())
-    total["cpu_ms_per_contrast"] = 1e3 * total["cpu_seconds"]["contrasts"] / max(total["pairs"], 1)
-    return {"tolerance": tolerance, "threads": threads, **total, "bands": found}
+    total["seconds"] = {step: sum(row["seconds"][step] for row in found) for step in STEPS}
+    total["ms_per_contrast"] = 1e3 * total["seconds"]["contrasts"] * processes / max(total["pairs"], 1)
+    return {"tolerance": tolerance, "processes": processes, **total, "bands": found}
 
 
-def _band(
-    system: OpticalSystem, nominal: Sequence[Path], ghosts: Sequence[Path], fields: int, threads: int, tolerance: float
-) -> dict[str, Any]:
-    places = []
-    for x0 in system.field_points()[:fields]:
-        theta = nominal_direction(system, nominal[0], x0)
-        places.append(Place(system, theta, x0, nominal_fields(system, nominal[0], theta, x0)))
-        places[-1].nominal(0.0)
-    _warm(places[0], ghosts, tolerance)
-    seconds, cpu, contrasts = dict.fromkeys(STEPS, 0.0), dict.fromkeys(STEPS, 0.0), []
-    reasons: Counter[str] = Counter()
-    dark = 0
-    with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
-        for place in places:
-            done, empty = _place(place, ghosts, tolerance, pool, seconds, cpu)
-            dark += empty
-            for path, item in done:
-                if isinstance(item, Contrast):
-                    contrasts.append(item)
-                else:
-                    reasons[f"{path.label}: {item}"] += 1
+_together: Any = None
+
+
+def _wait_for(barrier: Any) -> None:
+    global _together
+    _together = barrier
+
+
+def _band(name: str, fields: int, every: int, processes: int, tolerance: float) -> dict[str, Any]:
+    fresh = get_context("spawn")
+    with ProcessPoolExecutor(processes, fresh, _wait_for, (fresh.Barrier(processes),)) as pool:
+        work = partial(_share, name, fields, every, processes, tolerance)
+        shares = list(pool.map(work, range(processes)))
+    done = [item for share in shares for _, item in share.done]
+    contrasts = [item for item in done if isinstance(item, Contrast)]
+    reasons = Counter(f"{label}: {item}" for share in shares for label, item in share.done if isinstance(item, str))
     error = np.array([item.error for item in contrasts])
     over = [item for item in contrasts if item.method.startswith("over")]
     return {
-        "band": system.band,
-        "pairs": len(contrasts) + sum(reasons.values()),
-        "no_light": dark,
+        "band": name,
+        "pairs": len(done),
+        "no_light": sum(share.dark for share in shares),
         "refused": sum(reasons.values()),
         "refusals": dict(reasons),
         "above_tolerance": int((error > tolerance).sum()),
@@ -121,9 +143,34 @@ def _band(
         "median_error": float(np.median(error)) if len(error) else None,
         "over_the_pupil": len(over),
         "bent_charts": sum("lens" in item.method for item in over),
-        "seconds": seconds,
-        "cpu_seconds": cpu,
+        "seconds": {step: sum(share.seconds[step] for share in shares) / processes for step in STEPS},
+        "elapsed": max(share.end for share in shares) - min(share.start for share in shares),
     }
+
+
+def _share(name: str, fields: int, every: int, processes: int, tolerance: float, number: int) -> Share:
+    """One process's share of a band."""
+    with threadpool_limits(1):
+        system = load_instrument().band(name)
+        paths = select_ghosts(band_setting(system), find_paths(system))
+        places = []
+        for x0 in system.field_points()[:fields]:
+            theta = nominal_direction(system, paths[0], x0)
+            places.append(Place(system, theta, x0, nominal_fields(system, paths[0], theta, x0)))
+            places[-1].nominal(0.0)
+        ghosts = paths[2::every]
+        _warm(places[0], ghosts, tolerance)
+        clock, done, dark = Clock(), [], 0
+        _together.wait()
+        start = time.monotonic()
+        for place in places:
+            for path in ghosts[number::processes]:
+                found = _one(place, path, tolerance, clock)
+                if found is None:
+                    dark += 1
+                else:
+                    done.append((path.label, found))
+        return Share(done, dark, clock.seconds, start, time.monotonic())
 
 
 def _warm(place: Place, ghosts: Sequence[Path], tolerance: float) -> None:
@@ -142,64 +189,52 @@ def _warm(place: Place, ghosts: Sequence[Path], tolerance: float) -> None:
                 continue
 
 
-def _place(
-    place: Place,
-    ghosts: Sequence[Path],
-    tolerance: float,
-    pool: ThreadPoolExecutor,
-    seconds: dict[str, float],
-    cpu: dict[str, float],
-) -> tuple[list[tuple[Path, Contrast | str]], int]:
-    """γ of every ghost, or why there is none; and how many do not arrive."""
-    sigma = np.array([place.system.sigma0])
+def _one(place: Place, path: Path, tolerance: float, clock: Clock) -> Contrast | str | None:
+    """γ as ``contrast_of`` has it, step by step; why there is none; None for a ghost that does not arrive."""
+    where = place.system, path, place.theta, place.x0
 
-    def timed(step: str, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-        started, used = time.perf_counter(), time.process_time()
-        done = list(pool.map(work, items))
-        seconds[step] += time.perf_counter() - started
-        cpu[step] += time.process_time() - used
-        return done
-
-    def trace(path: Path) -> Rays | None:
+    def field(count: int, tracing: str, fitting: str) -> Callable[[], GhostField]:
+        with clock.on(tracing):
+            rays = fine_rays(*where, count)
         try:
-            return rays_from_direction(place.system, path, place.theta, place.x0, sigma, FINE_RAYS)
-        except EmptyBeamError:
-            return None
-
-    def fit(item: tuple[Path, Rays]) -> Callable[[], PupilField]:
-        try:
-            field = field_of(place.system, *item, place.x0, SHARE * tolerance)
+            with clock.on(fitting):
+                found = fine_field(*where, rays, tolerance)
         except CgiWaveError as limit:
             return partial(_refuse, limit)
-        return lambda: field
+        return lambda: found
 
-    def overlap(field: Callable[[], PupilField]) -> OverDirections:
-        return over_directions(field, place.nominal, tolerance)
+    def over_pupil() -> PupilFields:
+        with clock.on("other fields"):
+            return pupil_fields(*where, place.nominal, tolerance)
 
-    def rest(item: tuple[Path, OverDirections]) -> Contrast | str:
-        path, first = item
-        try:
-            return contrast_of(place.system, path, place.theta, place.x0, place.nominal, tolerance, first)
-        except CgiWaveError as limit:
-            return str(limit)
+    try:
+        first = field(FINE_RAYS, "tracing", "fitting")
+    except EmptyBeamError:
+        return None
+    with clock.on("contrasts"):
+        found = over_directions(first, place.nominal, tolerance)
+    if found.nearly(tolerance):
+        more = field(FINER_RAYS, "other fields", "other fields")
+        with clock.on("contrasts"):
+            found = better(found, over_directions(more, place.nominal, tolerance))
+    if found.within(tolerance):
+        return found.contrast
+    try:
+        fields: Callable[[], PupilFields] = partial(_given, over_pupil())
+    except CgiWaveError as limit:
+        fields = partial(_refuse, limit)
+    try:
+        with clock.on("contrasts"):
+            return over_either(found, fields, place.nominal, place.system.sigma0, tolerance)
+    except CgiWaveError as limit:
+        return str(limit)
 
-    rays = timed("tracing", trace, ghosts)
-    arrived = [(path, beam) for path, beam in zip(ghosts, rays, strict=True) if beam is not None]
-    values = timed("contrasts", overlap, timed("fitting", fit, arrived))
-    left = [
-        (path, value)
-        for (path, _), value in zip(arrived, values, strict=True)
-        if value.contrast is None or value.contrast.error > tolerance
-    ]
-    again = {path.label: item for (path, _), item in zip(left, timed("rest", rest, left), strict=True)}
-    done = [
-        (path, again[path.label] if path.label in again else value.contrast)
-        for (path, _), value in zip(arrived, values, strict=True)
-    ]
-    return done, len(ghosts) - len(arrived)
+
+def _given(fields: PupilFields) -> PupilFields:
+    return fields
 
 
-def _refuse(limit: CgiWaveError) -> PupilField:
+def _refuse(limit: CgiWaveError) -> Any:
     raise limit
 
 
@@ -235,14 +270,22 @@ def text(result: dict[str, Any]) -> str:
     """The figures as lines."""
     columns = ("pairs", "no_light", "refused", "above_tolerance", "over_the_pupil", "bent_charts")
     names = ("pairs", "no light", "refused", f"> {result['tolerance']:g}", "over pupil", "bent chart")
-    lines = [f"{'band':10}" + "".join(f"{name:>12}" for name in (*names, *(f"{step} / s" for step in STEPS)))]
+    wide = max(len(step) for step in STEPS) + 6
+    lines = [
+        f"{'band':10}"
+        + "".join(f"{name:>12}" for name in names)
+        + "".join(f"{step + ' / s':>{wide}}" for step in (*STEPS, "elapsed"))
+    ]
     for row in (*result["bands"], {"band": "all", **result}):
-        cells = [str(row[key]) for key in columns] + [f"{row['seconds'][step]:.2f}" for step in STEPS]
-        lines.append(f"{row['band']:10}" + "".join(f"{cell:>12}" for cell in cells))
-    lines.append(f"{'CPU':10}" + " " * 72 + "".join(f"{result['cpu_seconds'][step]:>12.2f}" for step in STEPS))
+        seconds = [*(row["seconds"][step] for step in STEPS), row["elapsed"]]
+        lines.append(
+            f"{row['band']:10}"
+            + "".join(f"{row[key]:>12}" for key in columns)
+            + "".join(f"{value:>{wide}.2f}" for value in seconds)
+        )
     lines.append(
-        f"{result['threads']} threads, {result['seconds_all']:.1f} s in all; {result['cpu_ms_per_contrast']:.2f} ms of "
-        "CPU a contrast, given its field"
+        f"{result['processes']} processes, {result['elapsed']:.1f} s in all; contrasts of all fields "
+        f"{result['seconds']['contrasts']:.1f} s, {result['ms_per_contrast']:.2f} ms of one process for each"
     )
     for row in result["bands"]:
         lines += [f"refused, {row['band']}: {reason}" for reason in row["refusals"]]
@@ -255,7 +298,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--bands", nargs="*", metavar="BAND", help="all unless named")
     parser.add_argument("--fields", type=int, default=5, help="field points of a band, from the zone's centre on")
     parser.add_argument("--every", type=int, default=1, help="one ghost in so many")
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--tolerance", type=float, default=CONTRAST_TOLERANCE)
     parser.add_argument("--charts", metavar="BAND", help="instead: what γ of one band is in charts bent by 5 1/m")
     parser.add_argument("--json", action="store_true", help="one JSON document on standard output")
@@ -267,7 +310,7 @@ def main(words: Sequence[str] | None = None) -> None:
     if given.charts:
         print(to_json(other_charts(given.charts, given.every)))
         return
-    result = study(given.bands, given.fields, given.every, given.threads, given.tolerance, say)
+    result = study(given.bands, given.fields, given.every, given.processes, given.tolerance, say)
     print(to_json(result) if given.json else text(result))
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from cgi_wave.budget.pointsource import PointGhost, PointSource, direction_field
+from cgi_wave.budget.pointfields import direction_field
+from cgi_wave.budget.pointsource import PointGhost, PointSource
 from cgi_wave.errors import CgiWaveError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.beams import Spot

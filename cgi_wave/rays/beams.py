@@ -32,7 +32,8 @@ class Rays:
     u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
     amplitude (S, N): √(power · Jacobian); clearance (K, S, N), the entrance pupil's first; direction (S, N, 2);
     catch (K', S, N): clearances of the detector's edge where it does not end the beam; pupil (S, N, 2) m;
-    x (S, N, 2) m on the detector; phase rad; theta (S, N, 2): cosines of the source direction.
+    x (S, N, 2) m on the detector; phase rad; theta (S, N, 2): cosines of the source direction; coating (S, N): power
+    left by the coatings.
     even (N,): rays that are spread evenly over the pupil, each for a cell of ``cell`` m² (the others line the rim).
     """
 
@@ -47,6 +48,7 @@ class Rays:
     even: NDArray[np.bool_]
     cell: float
     theta: Array
+    coating: Array
     catch: Array
 
     def power(self) -> tuple[float, float]:
@@ -177,7 +179,7 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
         amplitude = np.sqrt(traced.power / np.maximum(np.abs(determinants(beam.by_theta[keep])), 1e-300))
         clearance = clearance_rows(sequence.aperture, traced.foot)
-        parts.append((p, opl, amplitude, clearance, traced.direction, p, traced.x, beam.theta[keep]))
+        parts.append((p, opl, amplitude, clearance, traced.direction, p, traced.x, beam.theta[keep], traced.power))
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
     crossed = caustics(sequence, p[nearest], aimed.theta[keep][nearest], "theta")
     even = (np.arange(NODES) < NODES - RING)[keep]
@@ -237,14 +239,14 @@ def rays_from_direction(
         clearance = clearance_rows(bounding, traced.foot)
         catch.append(clearance_rows(edge, traced.foot[-1:]) if beyond else np.empty((0, len(p))))
         same = np.broadcast_to(theta, p.shape)
-        parts.append((u, opl, amplitude, clearance, traced.direction, p, traced.x, same))
+        parts.append((u, opl, amplitude, clearance, traced.direction, p, traced.x, same, traced.power))
     return _stack(parts, np.stack(catch, axis=1), radius, phase, even, half, count)
 
 
 def _stack(
     parts: list, catch: Array, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES
 ) -> Rays:
-    u, opl, amplitude, clearance, direction, p, x, theta = (
+    u, opl, amplitude, clearance, direction, p, x, theta, coating = (
         np.stack(values) if len(values) > 1 else values[0][None] for values in zip(*parts, strict=True)
     )
     pupil = 1.0 - (p**2).sum(axis=2) / radius**2
@@ -252,4 +254,4 @@ def _stack(
     clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
     near = clearance.min(axis=(1, 2)) < COMFORTABLE
     near[0] = True
-    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell, theta, catch)
+    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell, theta, coating, catch)

@@ -60,7 +60,8 @@ class PupilRays:
     def some(self, keep: NDArray[np.bool_]) -> PupilRays:
         """The rays of a mask (N,)."""
         return PupilRays(self.sequence, self.theta, self.p[keep], self.x[keep], self.q[keep], self.opl[keep],
-                         self.power[keep], self.clearance[:, keep], self.catch[:, keep], self.dx[keep], self.dq[keep])  # fmt: skip
+                         self.power[keep], self.clearance[:, keep], self.catch[:, keep],
+                         self.dx[keep], self.dq[keep])  # fmt: skip
 
 
 def rays_from_points(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cgi_wave.wave.field import PupilField, power
+from cgi_wave.wave.field import power
 from cgi_wave.wave.overlap import integral_over
 from cgi_wave.wave.pupilfields import COMPARED, Other, Product, PupilFields, Trace, fields_over_pupil
 
@@ -52,20 +52,20 @@ def contrast_over_pupil(
 def contrast_of_fields(fields: PupilFields, sigma: float, tol: float) -> PupilContrast:
     """γ from fields over the pupil; sigma, 1/m; tol: numerical error. Raises MethodLimitError."""
     kept, *others = fields.products
-    value, error = _integral(fields.own, kept, sigma, tol)
+    value, error = _integral(fields, kept, sigma, tol)
     differ = 0.0
     if fields.note and kept.near.bend != 0.0:
         differ = 0.0 if others else abs(value)
         for compared in others:
-            there, off = _integral(fields.own, compared, sigma, max(COMPARED, tol))
+            there, off = _integral(fields, compared, sigma, max(COMPARED, tol))
             differ = max(differ, SAFETY * abs(there - value) + off)
     return PupilContrast(value, error, differ, kept.near.bend, len(kept.parts), fields.note)
 
 
-def _integral(own: PupilField, product: Product, sigma: float, tol: float) -> tuple[complex, float]:
+def _integral(fields: PupilFields, product: Product, sigma: float, tol: float) -> tuple[complex, float]:
     """γ in one chart and its bound."""
     near = product.near
-    mine, there = power(own), power(near)
+    mine, there = power(fields.own), power(near)
     norm = float(np.sqrt(mine[0][0] * there[0][near.sigma.size // 2]))
     total, error, cross = 0.0j, 0.0, 0.0
     for field in product.parts:
@@ -74,6 +74,6 @@ def _integral(own: PupilField, product: Product, sigma: float, tol: float) -> tu
     # What the other field may be off by itself: phase, amplitude, and both powers in the normaliser.
     phase = min(2.0 * np.pi * sigma * near.opl_residual, 2.0) * cross / norm
     area = float(np.sqrt(np.pi * np.prod(near.support.scale)))
-    amplitude = near.amplitude_residual * area * np.sqrt(mine[0][0]) / norm
+    amplitude = near.amplitude_residual * area * np.sqrt(fields.light) / norm
     gamma = total / norm
     return complex(gamma), float(error / norm + phase + amplitude + 0.5 * abs(gamma) * (mine[1] + there[1]))

@@ -40,6 +40,8 @@ REUSED = 0.3
 SETTLED = 0.9
 #: Share of the misfit allowed that a fit is asked for: what counts in the end is the worst of the clearances that cut.
 ENOUGH = 0.5
+#: Degree of the clearances that bound a power: an amplitude without a phase asks for none.
+EDGES = 10
 #: Misfit allowed where charts are only compared.
 COMPARED = 1e-6
 _METHOD = "field over the pupil"
@@ -84,11 +86,15 @@ class Product:
 
 @dataclass(frozen=True)
 class PupilFields:
-    """What γ is computed from: the ghost's amplitude over its pupil where it lights the detector, for its power; the
-    products, the one that is kept first and others to compare it with; note: why its chart is not that of
-    directions."""
+    """What γ is computed from.
+
+    own: the ghost's amplitude over its pupil where it lights the detector, for its power; light: power of all that
+    passes the apertures, as far as rays tell; products: the one that is kept first, and others to compare it with;
+    note: why its chart is not that of directions.
+    """
 
     own: PupilField
+    light: float
     products: tuple[Product, ...]
     note: str
 
@@ -141,10 +147,11 @@ def fields_over_pupil(
     """
     # Here every ray counts, since the worst of them says which charts serve.
     survey = _Survey(_settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes, 1.0))
-    own = _own_field(trace, survey.rays, label, tol)
+    own = own_field(trace, survey.rays, label, tol)
     ghost = _Ghost(label, trace, survey, float(power(own)[0][0]))
+    light = ghost.power * float(survey.rays.power[survey.passes].sum() / survey.rays.power[_caught(survey.rays)].sum())
     if bend is not None:
-        return PupilFields(own, (_product_in(ghost, other(bend), sigma, tol),), "")
+        return PupilFields(own, light, (_product_in(ghost, other(bend), sigma, tol),), "")
     charts, note = choose_charts(survey, other, sigma, label)
     products: list[Product] = []
     refused: CgiWaveError | None = None
@@ -157,11 +164,14 @@ def fields_over_pupil(
             break
     if not products and refused is not None:
         raise refused
-    return PupilFields(own, tuple(products), note)
+    return PupilFields(own, light, tuple(products), note)
 
 
-def _own_field(trace: Trace, rays: RaysOverPupil, label: str, tol: float) -> PupilField:
-    """The amplitude over the pupil of what lands on the detector."""
+def own_field(trace: Trace, rays: RaysOverPupil, label: str, tol: float) -> PupilField:
+    """The amplitude over the pupil of what lands on the detector; rays: over the whole pupil, to begin with.
+
+    Raises EmptyBeamError, MethodLimitError.
+    """
     caught = _caught(rays)
     if not caught.any():
         raise EmptyBeamError(f"{label}: no ray that passes all apertures lands on the detector")
@@ -170,15 +180,22 @@ def _own_field(trace: Trace, rays: RaysOverPupil, label: str, tol: float) -> Pup
     try:
         return _amplitude(rays, label, tol)
     except MethodLimitError:  # a sliver, whose edge lies between too few rays
-        caught = _caught(rays)
-        return _amplitude(_settle(trace, *_around(rays, caught), MORE, _caught), label, tol)
+        return _amplitude(_settle(trace, *_around(rays, _caught(rays)), MORE, _caught), label, tol)
 
 
 def _amplitude(rays: RaysOverPupil, label: str, tol: float) -> PupilField:
-    clearance = limiting(np.concatenate([rays.clearance, rays.catch])[:, None], rays.p)
-    flat = np.zeros((1, len(rays.p)))
-    return fit_field(PupilSamples(label, "pupil", rays.p[None], np.array([1.0]), flat, np.sqrt(rays.power)[None],
-                                  clearance, rays.q[None], 0.0, (0.0, 0.0)), target=tol)  # fmt: skip
+    clearance = limiting(np.concatenate([rays.clearance, rays.catch])[:, None], rays.p)[:, 0]
+    return amplitude_over_pupil(label, rays.p, rays.power, clearance, rays.q, tol)
+
+
+def amplitude_over_pupil(label: str, p: Array, power: Array, clearance: Array, q: Array, tol: float) -> PupilField:
+    """The field √power over pupil points p (N, 2), m, of clearances (K, N), without a phase: for its power.
+
+    q (N, 2): directions. Raises EmptyBeamError, MethodLimitError.
+    """
+    flat = np.zeros((1, len(p)))
+    return fit_field(PupilSamples(label, "pupil", p[None], np.array([1.0]), flat, np.sqrt(power)[None],
+                                  clearance[:, None], q[None], 0.0, (0.0, 0.0)), EDGES, target=tol)  # fmt: skip
 
 
 def choose_charts(survey: _Survey, other: Other, sigma: float, label: str) -> tuple[list[float], str]:
@@ -366,7 +383,9 @@ def _fitted(
     # Rays on another sheet are no continuation of this one.
     same = met.det * met.det[first] > 0.0
     if (inside & ~same).any():
-        raise FoldedFieldError(f"{label}: det ∂u/∂p changes sign over the shared pupil in the chart {near.bend:.3g} 1/m")
+        raise FoldedFieldError(
+            f"{label}: det ∂u/∂p changes sign over the shared pupil in the chart {near.bend:.3g} 1/m"
+        )
     size = _reach(rays.p)
     edges = np.concatenate(
         [rays.clearance[bounding_rows(rays.clearance, rays.p)], *(cut.clearance(rays.p)[None] / size for cut in cuts)]
