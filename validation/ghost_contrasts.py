@@ -3,11 +3,11 @@
     uv run python -m validation.ghost_contrasts [--json] [--bands NIR VIS] [--fields N] [--every N] [--processes N]
                                                 [--tolerance T] [--charts BAND]
 
-Kernels compiled beforehand, as many processes as asked for, each with every other ghost. Seconds are told apart:
+Kernels compiled beforehand, as many processes as asked for, each with its share of ghosts. Seconds are told apart:
 tracing the ghosts' rays; fitting their fields over direction cosines; making other fields where these do not do, by
-more rays or over the ghost's own pupil (docs/contrast.md); and the contrasts of all these fields. They are means over the
-processes, whose sum is the time from the first one's start to the last one's end but for waiting. Finding paths and
-nominal fields is not counted.
+more rays or over the ghost's own pupil (docs/contrast.md); and the contrasts of all these fields. They are means over
+the processes; ``elapsed`` is the time from the first one's start to the last one's end. Finding paths and nominal
+fields is not counted.
 """
 
 from __future__ import annotations

@@ -40,8 +40,8 @@ REUSED = 0.3
 SETTLED = 0.9
 #: Share of the misfit allowed that a fit is asked for: what counts in the end is the worst of the clearances that cut.
 ENOUGH = 0.5
-#: Degree of the clearances that bound a power: an amplitude without a phase asks for none.
-EDGES = 10
+#: Degrees for a power: an amplitude without a phase asks for little, the clearances that bound it for more.
+POWER_DEGREES = tuple(degree for degree in FINE_DEGREES if degree >= 10)
 #: Misfit allowed where charts are only compared.
 COMPARED = 1e-6
 _METHOD = "field over the pupil"
@@ -195,7 +195,7 @@ def amplitude_over_pupil(label: str, p: Array, power: Array, clearance: Array, q
     """
     flat = np.zeros((1, len(p)))
     return fit_field(PupilSamples(label, "pupil", p[None], np.array([1.0]), flat, np.sqrt(power)[None],
-                                  clearance[:, None], q[None], 0.0, (0.0, 0.0)), EDGES, target=tol)  # fmt: skip
+                                  clearance[:, None], q[None], 0.0, (0.0, 0.0)), target=tol, degrees=POWER_DEGREES)  # fmt: skip
 
 
 def choose_charts(survey: _Survey, other: Other, sigma: float, label: str) -> tuple[list[float], str]:

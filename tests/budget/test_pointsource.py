@@ -12,20 +12,18 @@ from chain_cases import (
     RADIUS,
     contrast,
     fresnel,
+    landing,
+    on_a_detector,
     parabola,
     plate_path,
     pupil_field,
     radial,
 )
+from scipy.optimize import brentq
 
-from cgi_wave.budget.pointsource import (
-    contrast_of,
-    direction_field,
-    fine_field,
-    nominal_fields,
-    point_source,
-    without_directions,
-)
+from cgi_wave.budget.contrast import contrast_of
+from cgi_wave.budget.pointfields import direction_field, fine_field, fine_rays, nominal_fields, without_directions
+from cgi_wave.budget.pointsource import point_source
 from cgi_wave.errors import CgiWaveError, FoldedFieldError, MethodLimitError
 from cgi_wave.rays.beams import nominal_direction, rays_to_point, spot
 from cgi_wave.rays.charts import rays_from_points
@@ -47,6 +45,32 @@ def test_the_plates_ghost_is_found():
     found = [str(path) for path in find_paths(parabola(0.3))]
     assert found[0] == NOMINAL
     assert PLATE_GHOST in found
+
+
+@pytest.mark.parametrize("edge_mm", [0.1, 0.3, 0.45])
+def test_a_detectors_edge_takes_power_and_no_more(edge_mm):
+    """The ghost's spot is 0.5 mm wide. The overlap in the plane stays that over the whole pupil, whatever of the ghost
+    the detector catches; its power is that of the rays that land there."""
+    system = parabola(3.0, edge_mm=edge_mm)
+    ghost, nominal = parse_path(system, PLATE_GHOST), parse_path(system, NOMINAL)
+    here = contrast_of(system, ghost, AXIS, AXIS, nominal_fields(system, nominal, AXIS, AXIS))
+    angle = brentq(lambda a: landing(3.0, a) - edge_mm * 1e-3, 0.0, 0.2)
+    share = (2 * FOCAL * np.tan(angle / 2) / RADIUS) ** 2
+    want = radial(system, plate_path(3.0)) / np.sqrt(share)
+    assert abs(here.value - want) < here.error < 1e-4 * abs(want)
+
+
+def test_the_plane_is_nearer_to_a_detector_than_rays_cut_at_its_edge():
+    """∫ h_m h_l* over small detectors, summed with nothing stationary: no edge of theirs diffracts. What the plane has
+    too much is the nominal rim's light beyond them, here at its worst: on the axis, both rims are one circle."""
+    plane, cut = [], []
+    for plate_mm in (2.9, 3.1):
+        for edge_mm in (0.2, 0.25, 0.3):
+            system = parabola(plate_mm, edge_mm=edge_mm)
+            on_it, share = on_a_detector(system, plate_path(plate_mm), edge_mm * 1e-3)
+            plane.append(abs(radial(system, plate_path(plate_mm)) - on_it) / abs(on_it))
+            cut.append(abs(contrast(*fields(system), system.sigma0)[0] * np.sqrt(share) - on_it) / abs(on_it))
+    assert np.mean(plane) < 0.6 * np.mean(cut)
 
 
 @pytest.mark.parametrize("plate_mm", [0.02, 0.3, 1.0, 3.0])
@@ -200,14 +224,16 @@ def test_over_the_pupil_over_directions_and_the_other_way_round(nir, paths):
     nominal = nominal_fields(nir, paths[0], theta, x0)
     sigma = np.array([nir.sigma0])
     for path in sampled(paths, 1, 11, 3):
-        ghost = fine_field(nir, path, theta, x0)
+        whole = fine_field(nir, path, theta, x0, fine_rays(nir, path, theta, x0))
+        ghost = whole.field
         pair = overlap(ghost, nominal(0.0), sigma, 3e-7)
-        straight = pair.value[0] * np.exp(2j * np.pi * nir.sigma0 * pair.opd_m[0])
+        on_it = 1.0 / np.sqrt(whole.caught)
+        straight = pair.value[0] * np.exp(2j * np.pi * nir.sigma0 * pair.opd_m[0]) * on_it
         here = over_pupil(nir, path, nominal, theta, x0)
         back = over_pupil(nir, paths[0], lambda bend, ghost=ghost: ghost, theta, x0)
         assert here.bend == back.bend == 0.0
-        assert abs(here.value - straight) < here.error + pair.error_bound[0] < 2e-6, path.label
-        assert abs(back.value.conjugate() - here.value) < here.error + back.error < 2e-6, path.label
+        assert abs(here.value - straight) < here.error + on_it * pair.error_bound[0] < 2e-6, path.label
+        assert abs(on_it * back.value.conjugate() - here.value) < here.error + on_it * back.error < 2e-6, path.label
         assert 0.0 < abs(here.value) < 1.0
         if abs(here.value) > 1e-3:  # a few waves: the rest takes seconds
             loose = incoherent_overlap(ghost, nominal(0.0), nir.sigma0, 1e-2)
