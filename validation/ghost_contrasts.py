@@ -226,6 +226,8 @@ def _one(place: Place, path: Path, tolerance: float, clock: Clock) -> Contrast |
     try:
         with clock.on("contrasts"):
             return over_either(found, fields, place.nominal, place.system.sigma0, tolerance)
+    except EmptyBeamError:  # all that passes misses the detector
+        return None
     except CgiWaveError as limit:
         return str(limit)
 

@@ -14,7 +14,7 @@ from cgi_wave.errors import CgiWaveError, EmptyBeamError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.beams import Rays, rays_from_direction
 from cgi_wave.rays.charts import rays_from_points
-from cgi_wave.rays.clearances import bounding_rows
+from cgi_wave.rays.clearances import AMPLE, bounding_rows
 from cgi_wave.rays.disc import NODES
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.field import DEGREES, FINE_DEGREES, PupilField, fit_field, power
@@ -135,6 +135,8 @@ def fine_field(
         raise EmptyBeamError(f"{path.label}: no ray that passes all apertures lands on the detector")
     share = float(caught.sum() / lit.sum())
     field = field_of(system, path, rays, x0, SHARE * tolerance * np.sqrt(share))
+    if rays.catch[:, 0, lit].min() >= AMPLE:
+        return GhostField(field, 1.0, 0.0)
     p, clearance = rays.pupil[0], np.concatenate([rays.clearance[:, 0], rays.catch[:, 0]])
     rows = bounding_rows(clearance, p)
     if rows.max() < len(rays.clearance):

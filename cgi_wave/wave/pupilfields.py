@@ -194,8 +194,9 @@ def amplitude_over_pupil(label: str, p: Array, power: Array, clearance: Array, q
     q (N, 2): directions. Raises EmptyBeamError, MethodLimitError.
     """
     flat = np.zeros((1, len(p)))
-    return fit_field(PupilSamples(label, "pupil", p[None], np.array([1.0]), flat, np.sqrt(power)[None],
-                                  clearance[:, None], q[None], 0.0, (0.0, 0.0)), target=tol, degrees=POWER_DEGREES)  # fmt: skip
+    samples = PupilSamples(label, "pupil", p[None], np.array([1.0]), flat, np.sqrt(power)[None], clearance[:, None],
+                           q[None], 0.0, (0.0, 0.0))  # fmt: skip
+    return fit_field(samples, target=tol, degrees=POWER_DEGREES)
 
 
 def choose_charts(survey: _Survey, other: Other, sigma: float, label: str) -> tuple[list[float], str]:
