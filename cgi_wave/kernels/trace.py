@@ -204,7 +204,11 @@ def _carrying(name: str, turned: bool, shape: int, bends: bool = True):
     """
 
     def carry(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect):  # noqa: E741
-        frame = ((rot[0, 0], rot[0, 1], rot[0, 2]), (rot[1, 0], rot[1, 1], rot[1, 2]), (rot[2, 0], rot[2, 1], rot[2, 2]))
+        frame = (
+            (rot[0, 0], rot[0, 1], rot[0, 2]),
+            (rot[1, 0], rot[1, 1], rot[1, 2]),
+            (rot[2, 0], rot[2, 1], rot[2, 2]),
+        )
         k1 = curvature * (1.0 + conic)
         ratio = n1 / n2
         keep = 1.0 if reflect else ratio
@@ -240,8 +244,7 @@ _carry_straight = _carrying("carry_straight", True, CONIC, False)
 
 @njit(**_JIT)
 def _carry(x, y, z, l, m, n, way, tangents, rot, curvature, conic, n1, n2, reflect):  # noqa: E741
-    """Carry a slice's tangents, in pairs as in ``_along``, along with ``_to_surface``, after it, and ``_bend``, before.
-    """
+    """Carry a slice's tangents along, after ``_to_surface`` and before ``_bend``."""
     turned = rot[0, 0] != 1.0 or rot[1, 1] != 1.0 or rot[2, 2] != 1.0
     for pair in range(0, tangents.shape[0], 2 * SIX):
         d = tangents[pair : pair + 2 * SIX]
@@ -345,31 +348,6 @@ def clear(x, y, clearance, ap):
             cx = 1.0 - abs(x[i] - ap[3]) / ap[1]
             cy = 1.0 - abs(y[i] - ap[4]) / ap[2]
             clearance[i] = min(clearance[i], min(cx, cy))
-
-
-@njit(**_JIT)
-def clearance_rows(aperture, foot):
-    """Signed clearances (R, N) at footprints (K, 2, N), smooth in x and y: one per circle, four per rectangle."""
-    rows = 0
-    for k in range(aperture.shape[0]):
-        rows += 1 if aperture[k, 0] == 1.0 else 4
-    out = np.empty((rows, foot.shape[2]))
-    row = 0
-    for k in range(aperture.shape[0]):
-        ap, x, y = aperture[k], foot[k, 0], foot[k, 1]
-        if ap[0] == 1.0:
-            inv = 1.0 / (ap[1] * ap[1])
-            for i in range(x.shape[0]):
-                dx, dy = x[i] - ap[3], y[i] - ap[4]
-                out[row, i] = 1.0 - (dx * dx + dy * dy) * inv
-            row += 1
-        else:
-            for i in range(x.shape[0]):
-                dx, dy = (x[i] - ap[3]) / ap[1], (y[i] - ap[4]) / ap[2]
-                out[row, i], out[row + 1, i] = 1.0 - dx, 1.0 + dx
-                out[row + 2, i], out[row + 3, i] = 1.0 - dy, 1.0 + dy
-            row += 4
-    return out
 
 
 @njit(**_JIT)
