@@ -135,7 +135,7 @@ def fine_field(
         raise EmptyBeamError(f"{path.label}: no ray that passes all apertures lands on the detector")
     share = float(caught.sum() / lit.sum())
     field = field_of(system, path, rays, x0, SHARE * tolerance * np.sqrt(share))
-    if rays.catch[:, 0, lit].min() >= AMPLE:
+    if rays.catch[:, 0, lit].min(initial=AMPLE) >= AMPLE:
         return GhostField(field, 1.0, 0.0)
     p, clearance = rays.pupil[0], np.concatenate([rays.clearance[:, 0], rays.catch[:, 0]])
     rows = bounding_rows(clearance, p)

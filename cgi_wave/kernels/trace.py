@@ -30,6 +30,10 @@ SLICE, TANGENT_SLICE = 512, 128
 #: Columns of a slice begin this much further apart than its length: at whole multiples of 4096 bytes a store into one
 #: looks to the processor like a store into the next, and holds up its loads.
 PAD = 24
+#: A slice's tangents are columns of one array, so that loops over them need not ask whether they overlap: from one
+#: column to the next, and from one tangent to the next.
+WIDE = TANGENT_SLICE + PAD
+SIX = 6 * WIDE
 #: Widest aperture description: kind (0 none, 1 circle, 2 rectangle), half width x, half width y, centre x, centre y.
 APERTURE_COLUMNS = 5
 
@@ -146,57 +150,118 @@ def _to_surface(x, y, z, l, m, n, way, opl, status, rot, shift, curvature, conic
                     status[i] = code + BACKWARD
 
 
-@njit(**_JIT)
-def _tangent_to_surface(x, y, z, l, m, n, way, dx, dy, dz, dl, dm, dn, rot, curvature, conic):  # noqa: E741
-    """Carry a slice's tangents along with ``_to_surface``, after it: the rays stand on the surface, not yet bent."""
-    r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
-    r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
-    r20, r21, r22 = rot[2, 0], rot[2, 1], rot[2, 2]
-    k1 = 1.0 + conic
-    for i in range(x.shape[0]):
-        el = r00 * dl[i] + r01 * dm[i] + r02 * dn[i]
-        em = r10 * dl[i] + r11 * dm[i] + r12 * dn[i]
-        en = r20 * dl[i] + r21 * dm[i] + r22 * dn[i]
-        ex = r00 * dx[i] + r01 * dy[i] + r02 * dz[i] + way[i] * el
-        ey = r10 * dx[i] + r11 * dy[i] + r12 * dz[i] + way[i] * em
-        ez = r20 * dx[i] + r21 * dy[i] + r22 * dz[i] + way[i] * en
-        # How much further the neighbour goes until it, too, is on the surface: its offset has no part along the normal.
-        nx, ny, nz = -curvature * x[i], -curvature * y[i], 1.0 - curvature * k1 * z[i]
-        more = -(nx * ex + ny * ey + nz * ez) / (nx * l[i] + ny * m[i] + nz * n[i])
-        dx[i] = ex + more * l[i]
-        dy[i] = ey + more * m[i]
-        dz[i] = ez + more * n[i]
-        dl[i] = el
-        dm[i] = em
-        dn[i] = en
+@njit(inline="always", **_JIT)
+def _carried(d, at, i, ray, rot, normal, law, curvature, k1, turned, shape, bends):
+    """Carry one tangent of ray ``i``, which begins at ``at``: see ``_carrying``, of whose loop this is a part."""
+    l, m, n, way = ray  # noqa: E741
+    nx, ny, nz, norm = normal
+    inverse, keep, g, steep = law
+    ex, ey, ez = d[at + i], d[at + WIDE + i], d[at + 2 * WIDE + i]
+    el, em, en = d[at + 3 * WIDE + i], d[at + 4 * WIDE + i], d[at + 5 * WIDE + i]
+    if turned:
+        (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rot
+        dx, dy, dz, dl, dm, dn = ex, ey, ez, el, em, en
+        ex = r00 * dx + r01 * dy + r02 * dz
+        ey = r10 * dx + r11 * dy + r12 * dz
+        ez = r20 * dx + r21 * dy + r22 * dz
+        el = r00 * dl + r01 * dm + r02 * dn
+        em = r10 * dl + r11 * dm + r12 * dn
+        en = r20 * dl + r21 * dm + r22 * dn
+    ex += way * el
+    ey += way * em
+    ez += way * en
+    # How much further the neighbour goes until it, too, is on the surface: its offset has no part along the normal.
+    if shape == PLANE:
+        more = -ez * inverse
+        ez = 0.0
+    else:
+        more = -(nx * ex + ny * ey + nz * ez) * inverse
+        ez += more * n
+    ex += more * l
+    ey += more * m
+    if bends:
+        if shape == PLANE:
+            el, em, en = keep * el, keep * em, (keep + steep) * en
+        else:
+            ux, uy, uz = -curvature * norm * ex, -curvature * norm * ey, -k1 * norm * ez
+            if shape == CONIC:
+                along = nx * ux + ny * uy + nz * uz
+                ux -= along * nx
+                uy -= along * ny
+                uz -= along * nz
+            dg = steep * (el * nx + em * ny + en * nz + l * ux + m * uy + n * uz)
+            el = keep * el + dg * nx + g * ux
+            em = keep * em + dg * ny + g * uy
+            en = keep * en + dg * nz + g * uz
+    d[at + i], d[at + WIDE + i], d[at + 2 * WIDE + i] = ex, ey, ez
+    d[at + 3 * WIDE + i], d[at + 4 * WIDE + i], d[at + 5 * WIDE + i] = el, em, en
+
+
+def _carrying(name: str, turned: bool, shape: int, bends: bool = True):
+    """Compile what a surface does to a slice's tangents, for frames of one kind: onto it, and bent by it.
+
+    Two tangents at once: normals, cosines, roots and divisions are the ray's.
+    """
+
+    def carry(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect):  # noqa: E741
+        frame = (
+            (rot[0, 0], rot[0, 1], rot[0, 2]),
+            (rot[1, 0], rot[1, 1], rot[1, 2]),
+            (rot[2, 0], rot[2, 1], rot[2, 2]),
+        )
+        k1 = curvature * (1.0 + conic)
+        ratio = n1 / n2
+        keep = 1.0 if reflect else ratio
+        # That there is no more than WIDE tells the compiler that no index below is negative.
+        for i in range(min(x.shape[0], WIDE)):
+            nx, ny, nz, norm = 0.0, 0.0, 1.0, 1.0
+            cosi = n[i]
+            if shape != PLANE:
+                nx, ny, nz = -curvature * x[i], -curvature * y[i], 1.0 - k1 * z[i]
+                if shape == CONIC:  # on a sphere this is a unit vector
+                    norm = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz)
+                    nx *= norm
+                    ny *= norm
+                    nz *= norm
+                cosi = l[i] * nx + m[i] * ny + n[i] * nz
+            cost = np.sqrt(max(1.0 - ratio * ratio * (1.0 - cosi * cosi), 0.0))
+            cost = cost if cosi > 0.0 else -cost
+            # A ray becomes keep·d + g·N, with the unit normal N; g changes with the cosine of incidence alone.
+            g = -2.0 * cosi if reflect else cost - ratio * cosi
+            steep = -2.0 if reflect else ratio * (ratio * cosi / cost - 1.0)
+            ray, normal, law = (l[i], m[i], n[i], way[i]), (nx, ny, nz, norm), (1.0 / cosi, keep, g, steep)
+            _carried(d, 0, i, ray, frame, normal, law, curvature, k1, turned, shape, bends)
+            _carried(d, SIX, i, ray, frame, normal, law, curvature, k1, turned, shape, bends)
+
+    return _named(carry, name)
+
+
+_carry_plane, _carry_plane_turned = _carrying("carry_plane", False, PLANE), _carrying("carry_plane_turned", True, PLANE)
+_carry_conic, _carry_sphere = _carrying("carry_conic", True, CONIC), _carrying("carry_sphere", False, SPHERE)
+_carry_sphere_turned = _carrying("carry_sphere_turned", True, SPHERE)
+_carry_straight = _carrying("carry_straight", True, CONIC, False)
 
 
 @njit(**_JIT)
-def _tangent_bend(x, y, z, l, m, n, dx, dy, dz, dl, dm, dn, curvature, conic, n1, n2, reflect):  # noqa: E741
-    """Bend a slice's tangents, before ``_bend`` bends the rays: derivative of k·d + g·N with the unit normal N."""
-    k1 = 1.0 + conic
-    ratio = n1 / n2
-    keep = 1.0 if reflect else ratio
-    for i in range(x.shape[0]):
-        nx, ny, nz = -curvature * x[i], -curvature * y[i], 1.0 - curvature * k1 * z[i]
-        norm = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz)
-        nx *= norm
-        ny *= norm
-        nz *= norm
-        ux, uy, uz = -curvature * dx[i] * norm, -curvature * dy[i] * norm, -curvature * k1 * dz[i] * norm
-        along = nx * ux + ny * uy + nz * uz
-        ux -= along * nx
-        uy -= along * ny
-        uz -= along * nz
-        cosi = l[i] * nx + m[i] * ny + n[i] * nz
-        turn = dl[i] * nx + dm[i] * ny + dn[i] * nz + l[i] * ux + m[i] * uy + n[i] * uz
-        cost = np.sqrt(max(1.0 - ratio * ratio * (1.0 - cosi * cosi), 0.0))
-        cost = cost if cosi > 0.0 else -cost
-        g = -2.0 * cosi if reflect else cost - ratio * cosi
-        dg = -2.0 * turn if reflect else ratio * turn * (ratio * cosi / cost - 1.0)
-        dl[i] = keep * dl[i] + dg * nx + g * ux
-        dm[i] = keep * dm[i] + dg * ny + g * uy
-        dn[i] = keep * dn[i] + dg * nz + g * uz
+def _carry(x, y, z, l, m, n, way, tangents, rot, curvature, conic, n1, n2, reflect):  # noqa: E741
+    """Carry a slice's tangents along, after ``_to_surface`` and before ``_bend``."""
+    turned = rot[0, 0] != 1.0 or rot[1, 1] != 1.0 or rot[2, 2] != 1.0
+    for pair in range(0, tangents.shape[0], 2 * SIX):
+        d = tangents[pair : pair + 2 * SIX]
+        if not reflect and n1 == n2:
+            _carry_straight(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect)
+        elif curvature == 0.0:
+            if turned:
+                _carry_plane_turned(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect)
+            else:
+                _carry_plane(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect)
+        elif conic == 0.0:
+            if turned:
+                _carry_sphere_turned(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect)
+            else:
+                _carry_sphere(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect)
+        else:
+            _carry_conic(x, y, z, l, m, n, way, d, rot, curvature, conic, n1, n2, reflect)
 
 
 def _bending(name: str, shape: int):
@@ -286,31 +351,6 @@ def clear(x, y, clearance, ap):
 
 
 @njit(**_JIT)
-def clearance_rows(aperture, foot):
-    """Signed clearances (R, N) at footprints (K, 2, N), smooth in x and y: one per circle, four per rectangle."""
-    rows = 0
-    for k in range(aperture.shape[0]):
-        rows += 1 if aperture[k, 0] == 1.0 else 4
-    out = np.empty((rows, foot.shape[2]))
-    row = 0
-    for k in range(aperture.shape[0]):
-        ap, x, y = aperture[k], foot[k, 0], foot[k, 1]
-        if ap[0] == 1.0:
-            inv = 1.0 / (ap[1] * ap[1])
-            for i in range(x.shape[0]):
-                dx, dy = x[i] - ap[3], y[i] - ap[4]
-                out[row, i] = 1.0 - (dx * dx + dy * dy) * inv
-            row += 1
-        else:
-            for i in range(x.shape[0]):
-                dx, dy = (x[i] - ap[3]) / ap[1], (y[i] - ap[4]) / ap[2]
-                out[row, i], out[row + 1, i] = 1.0 - dx, 1.0 + dx
-                out[row + 2, i], out[row + 3, i] = 1.0 - dy, 1.0 + dy
-            row += 4
-    return out
-
-
-@njit(**_JIT)
 def fresnel(power, cos_in, cos_out, n1, n2, reflect):
     """Multiply a slice's power by the unpolarised Fresnel reflectance or transmittance of a bare face.
 
@@ -353,11 +393,12 @@ def table(power, cos_in, cos_out, film, n1, n2):
 
 @njit(**_JIT)
 def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, x, y, z, l, m, n,  # noqa: E741
-           tangent, begin, opl, power, status, clearance, foot, way, cos_in, cos_out):  # fmt: skip
+           tangents, begin, opl, power, status, clearance, foot, way, cos_in, cos_out):  # fmt: skip
     """Carry one slice through all surfaces, in place: arguments as in ``trace_sequence``, of the slice's length.
 
-    tangent (T, 6, N), foot (K, 2, N): whole, this slice from ``begin`` on, since loops over parts of a slice of theirs
-    would not know that numbers follow each other, and not vectorise. way, cos_in, cos_out: room to work in.
+    tangents (T·SIX,): the slice's, column after column. foot (K, 2, N): whole, this slice from ``begin`` on, since
+    loops over parts of a slice of its own would not know that numbers follow each other, and not vectorise. way,
+    cos_in, cos_out: room to work in.
     """
     factor, s = 1.0, slice(begin, begin + x.shape[0])
     for k in range(curvature.shape[0]):
@@ -365,13 +406,8 @@ def _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, apert
         reflect = mode[k] == REFLECT
         bends = reflect or n1[k] != n2[k]
         _to_surface(x, y, z, l, m, n, way, opl, status, rot[k], shift[k], curvature[k], conic[k], n1[k], side[k], code)
-        for t in range(tangent.shape[0]):
-            d = tangent[t]
-            _tangent_to_surface(x, y, z, l, m, n, way, d[0, s], d[1, s], d[2, s], d[3, s], d[4, s], d[5, s], rot[k],
-                                curvature[k], conic[k])  # fmt: skip
-            if bends:
-                _tangent_bend(x, y, z, l, m, n, d[0, s], d[1, s], d[2, s], d[3, s], d[4, s], d[5, s], curvature[k],
-                              conic[k], n1[k], n2[k], reflect)  # fmt: skip
+        if tangents.shape[0] > 0:
+            _carry(x, y, z, l, m, n, way, tangents, rot[k], curvature[k], conic[k], n1[k], n2[k], reflect)
         clear(x, y, clearance, aperture[k])
         if foot.shape[0] > 0:
             foot[k, 0, s] = x
@@ -404,18 +440,25 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bar
     weight (K,) power factor of the coating, bare (K,) BARE where Fresnel's unpolarised factor holds, FILM and
     more where that of a table does; aperture (K, APERTURE_COLUMNS); film (F, M, 5): tables, see ``table``.
     rays (6, N): x, y, z in m and direction cosines; on return in the frame of the last surface.
-    tangent (T, 6, N): T derivatives of the rays by whatever they were launched with; T = 0 for none.
+    tangent (T, 6, N): T derivatives, an even number, of the rays by whatever they were launched with; T = 0 for none.
     opl (N,) m, power (N,), status (N,) int64, clearance (N,): running values, updated.
     foot (K, 2, N) receives the local x, y at every surface, or has K = 0 and receives nothing.
     """
-    count = rays.shape[1]
-    step = SLICE if tangent.shape[0] == 0 else TANGENT_SLICE
-    room = np.empty((3, step + PAD))
+    count, tangents = rays.shape[1], tangent.shape[0]
+    step = SLICE if tangents == 0 else TANGENT_SLICE
+    room, carried = np.empty((3, step + PAD)), np.empty(tangents * SIX)
     for first in range(0, count, step):
-        s, w = slice(first, min(first + step, count)), slice(0, min(step, count - first))
+        width = min(step, count - first)
+        s, w = slice(first, first + width), slice(0, width)
+        for t in range(tangents):
+            for row in range(6):
+                carried[t * SIX + row * WIDE : t * SIX + row * WIDE + width] = tangent[t, row, s]
         _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, rays[0, s],
-               rays[1, s], rays[2, s], rays[3, s], rays[4, s], rays[5, s], tangent, first, opl[s], power[s],
+               rays[1, s], rays[2, s], rays[3, s], rays[4, s], rays[5, s], carried, first, opl[s], power[s],
                status[s], clearance[s], foot, room[0, w], room[1, w], room[2, w])  # fmt: skip
+        for t in range(tangents):
+            for row in range(6):
+                tangent[t, row, s] = carried[t * SIX + row * WIDE : t * SIX + row * WIDE + width]
 
 
 @njit(**_JIT)
@@ -442,7 +485,7 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
     cache: large arrays are written once, and not read.
     """
     room = np.empty((12, SLICE + PAD))
-    tangent, foot = np.empty((0, 6, SLICE)), np.empty((0, 2, SLICE))
+    tangents, foot = np.empty(0), np.empty((0, 2, SLICE))
     for first in range(begin, end, SLICE):
         width = min(SLICE, end - first)
         w, s = slice(0, width), slice(first, first + width)
@@ -451,7 +494,7 @@ def trace_fan(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, ap
         start(p, theta, first, back_off, n1[0], x, y, z, l, m, n, opl)
         power[:], clearance[:], state[:] = 1.0, np.inf, 0
         _along(rot, shift, curvature, conic, n1, n2, mode, side, weight, bare, aperture, film, x, y, z, l, m, n,
-               tangent, 0, opl, power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
+               tangents, 0, opl, power, state, clearance, foot, room[9, w], room[10, w], room[11, w])  # fmt: skip
         ends[0, s], ends[1, s], ends[2, s], ends[3, s] = x, y, l, m
         ends[4, s], ends[5, s], ends[6, s] = opl, power, clearance
 
@@ -561,15 +604,18 @@ def count_caustics(rot, shift, curvature, conic, n1, n2, mode, first, rays, tang
     """How many of its wavefront's focal points one ray passes, from surface ``first`` of its sequence to the last.
 
     Sequence as in ``trace_sequence``; rays (6, 1), tangent (2, 6, 1): the ray and the two neighbours that span the
-    wavefront, changed in place.
+    wavefront; the ray is changed in place.
     """
     x, y, z, l, m, n = rays[0], rays[1], rays[2], rays[3], rays[4], rays[5]  # noqa: E741
     way, opl, status, cos_in, cos_out = np.empty(1), np.zeros(1), np.zeros(1, dtype=np.int64), np.empty(1), np.empty(1)
-    base, rate = np.empty((2, 2)), np.empty((2, 2))
+    base, rate, across, carried = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 3)), np.empty(2 * SIX)
+    for t in range(2):
+        for row in range(6):
+            carried[t * SIX + row * WIDE] = tangent[t, row, 0]
     found = 0
     for k in range(curvature.shape[0]):
         # Two axes across the ray; neighbours are seen in planes across it.
-        across = np.zeros((2, 3))
+        across[0] = 0.0
         if abs(l[0]) < 0.9:
             size = np.sqrt(m[0] * m[0] + n[0] * n[0])
             across[0, 1], across[0, 2] = n[0] / size, -m[0] / size
@@ -583,17 +629,13 @@ def count_caustics(rot, shift, curvature, conic, n1, n2, mode, first, rays, tang
             for axis in range(2):
                 base[t, axis] = rate[t, axis] = 0.0
                 for row in range(3):
-                    base[t, axis] += tangent[t, row, 0] * across[axis, row]
-                    rate[t, axis] += tangent[t, 3 + row, 0] * across[axis, row]
+                    base[t, axis] += carried[t * SIX + row * WIDE] * across[axis, row]
+                    rate[t, axis] += carried[t * SIX + (3 + row) * WIDE] * across[axis, row]
         _to_surface(x, y, z, l, m, n, way, opl, status, rot[k], shift[k], curvature[k], conic[k], n1[k], 0.0, KINDS)
         if k > first:
             # A virtual ray runs backwards.
             found += _zeros(base, rate if way[0] > 0.0 else -rate, abs(way[0]))
         reflect = mode[k] == REFLECT
-        for t in range(2):
-            dx, dy, dz = tangent[t, 0], tangent[t, 1], tangent[t, 2]
-            dl, dm, dn = tangent[t, 3], tangent[t, 4], tangent[t, 5]
-            _tangent_to_surface(x, y, z, l, m, n, way, dx, dy, dz, dl, dm, dn, rot[k], curvature[k], conic[k])
-            _tangent_bend(x, y, z, l, m, n, dx, dy, dz, dl, dm, dn, curvature[k], conic[k], n1[k], n2[k], reflect)
+        _carry(x, y, z, l, m, n, way, carried, rot[k], curvature[k], conic[k], n1[k], n2[k], reflect)
         _bend(x, y, z, l, m, n, cos_in, cos_out, status, curvature[k], conic[k], n1[k], n2[k], reflect, KINDS)
     return found

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError
-from cgi_wave.kernels.trace import clearance_rows
+from cgi_wave.kernels.beams import chart_rays, lit_disc, valid_rays
 from cgi_wave.optics.system import OpticalSystem
-from cgi_wave.rays.charts import determinants, in_chart, ray_phase
+from cgi_wave.rays.charts import determinants, near_clearances, ray_phase
 from cgi_wave.rays.disc import EVEN, NODES, disc, fitted, monomials, on_disc, rim
-from cgi_wave.rays.feeding import FILLED, OVER, bounding_disc, rays_over_feed
+from cgi_wave.rays.feeding import FILLED, OVER, TURNS, rays_over_feed, with_room
 from cgi_wave.rays.paths import Path
 from cgi_wave.rays.trace import aim, aim_and_trace, caustics, compile_sequence, trace, trace_with_derivatives, trouble
 
@@ -20,9 +21,6 @@ Array = NDArray[np.float64]
 
 #: Rays without which a beam is given up.
 FEWEST = 30
-#: An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
-COMFORTABLE = 0.25
-RING = rim(NODES)
 
 
 @dataclass(frozen=True)
@@ -31,9 +29,9 @@ class Rays:
 
     u (S, N, 2): direction cosines (shared direction) or pupil points in m (shared point); opl (S, N) m;
     amplitude (S, N): √(power · Jacobian); clearance (K, S, N), the entrance pupil's first; direction (S, N, 2);
-    catch (K', S, N): clearances of the detector's edge where it does not end the beam; pupil (S, N, 2) m;
-    x (S, N, 2) m on the detector; phase rad; theta (S, N, 2): cosines of the source direction; coating (S, N): power
-    left by the coatings.
+    pupil (S, N, 2) m; x (S, N, 2) m on the detector; phase rad; theta (S, N, 2): cosines of the source direction;
+    coating (S, N): power left by the coatings; catch (K', S, N): clearances of the detector's edge where it does not
+    end the beam.
     even (N,): rays that are spread evenly over the pupil, each for a cell of ``cell`` m² (the others line the rim).
     """
 
@@ -171,20 +169,25 @@ def rays_to_point(system: OpticalSystem, path: Path, x0: Array, sigmas: Array, s
         raise EmptyBeamError(
             f"{path.label}: {keep.sum()} of {len(p)} rays can be aimed at {x0 * 1e3} mm, {FEWEST} are needed"
         )
+    radius, feet = system.pupil_radius, [beam.traced.foot for beam in beams]
+    clearance, none = near_clearances(sequence.aperture, feet, keep, p, radius)
     p = p[keep]
-    parts = []
+    opl, amplitude, direction, x, theta, coating = [], [], [], [], [], []
     for beam in beams:
         traced = beam.traced if keep.all() else beam.traced.some(keep)
         # What is left of the aiming error moves the end of the ray by δx: to first order Λ changes by q·δx.
-        opl = traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(determinants(beam.by_theta[keep])), 1e-300))
-        clearance = clearance_rows(sequence.aperture, traced.foot)
-        parts.append((p, opl, amplitude, clearance, traced.direction, p, traced.x, beam.theta[keep], traced.power))
+        opl.append(traced.opl + (traced.direction * (x0 - traced.x)).sum(axis=1))
+        amplitude.append(np.sqrt(traced.power / np.maximum(np.abs(determinants(beam.by_theta[keep])), 1e-300)))
+        direction.append(traced.direction)
+        x.append(traced.x)
+        theta.append(beam.theta[keep])
+        coating.append(traced.power)
     nearest = int(np.argmin(((p - p.mean(axis=0)) ** 2).sum(axis=1)))
     crossed = caustics(sequence, p[nearest], aimed.theta[keep][nearest], "theta")
-    even = (np.arange(NODES) < NODES - RING)[keep]
-    none = np.empty((0, len(parts), len(p)))
-    return _stack(parts, none, system.pupil_radius, sequence.phase - 0.5 * np.pi * crossed, even, half)
+    pupil = np.array([p] * len(beams))
+    return Rays(pupil, np.array(opl), np.array(amplitude), clearance, np.array(direction), pupil, np.array(x),
+                sequence.phase - 0.5 * np.pi * crossed, even_rays(NODES)[keep], cell_of(half, NODES),
+                np.array(theta), np.array(coating), none)  # fmt: skip
 
 
 def rays_from_direction(
@@ -199,59 +202,60 @@ def rays_from_direction(
 ) -> Rays:
     """Rays of ``path`` from one source direction; phases about the detector point ``x0``; ``count`` of them.
 
-    Â(u) has amplitude |∂p/∂u|^½, u = q − bend (x − x0): see ``rays.charts`` on ``bend``, 1/m. beyond: whether rays that
-    miss the detector, in its plane, belong to the beam; its edge is then in ``catch``. Raises EmptyBeamError if no ray
-    arrives.
+    Â(u) has amplitude |∂p/∂u|^½, u = q − bend (x − x0): see ``rays.charts`` on ``bend``, 1/m. beyond: whether rays
+    that miss the detector, in its plane, belong to the beam. Raises EmptyBeamError if no ray arrives.
     """
     middle = len(sigmas) // 2
     sequence = compile_sequence(system, path, float(sigmas[middle]))
-    edge = sequence.aperture[-1:]
+    aperture = sequence.aperture
     if beyond:
         sequence = sequence.beyond()
     radius = system.pupil_radius
-    centre, half = np.zeros(2), radius * OVER
-    for last in (False, False, False, True):
-        p = centre + half * disc(count)
-        # Where the light is costs a sixth of what its derivatives do.
-        seen = trace(sequence, p, theta)
-        inside = seen.passes & ((p**2).sum(axis=1) < radius**2)
-        if not inside.any():
+    (x, y), half, found = (0.0, 0.0), radius * OVER, None
+    for turn in range(TURNS + 1):
+        p = half * disc(count)
+        p += x, y
+        # Most beams fill the pupil, and are done. Where light is sought further, derivatives would cost twice as much
+        # as the rays.
+        found = trace_with_derivatives(sequence, p, theta, "p") if turn in (0, TURNS) else None
+        seen = trace(sequence, p, theta) if found is None else found.traced
+        lit, *middle_of, reach = lit_disc(seen.status, seen.clearance, p, radius)
+        if not lit:
             raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, seen)}")
-        if last or inside.mean() >= FILLED:  # p and half leave the loop together: they give a ray its cell
+        if lit / count >= FILLED or turn == TURNS:  # p and half leave the loop together: they give a ray its cell
             break
-        centre, half = bounding_disc(p[inside], half, count)
-    found = trace_with_derivatives(sequence, p, theta, "p")
-    keep = found.traced.valid
-    even = (np.arange(count) < count - rim(count))[keep]
-    nearest = int(np.argmin(((p[keep] - p[keep].mean(axis=0)) ** 2).sum(axis=1)))
-    phase = ray_phase(sequence, p[keep][nearest], theta, found.dx[keep][nearest], found.dq[keep][nearest], bend)
-    p = p[keep]
-    bounding = sequence.aperture[: -1 if beyond else None]
-    parts, catch = [], []
+        (x, y), half = middle_of, with_room(reach, half, count)
+    found = found or trace_with_derivatives(sequence, p, theta, "p")
+    keep = np.empty(count, dtype=np.bool_)
+    left, nearest = valid_rays(found.traced.status, found.traced.opl, p, keep)
+    phase = ray_phase(sequence, p[nearest], theta, found.dx[nearest], found.dq[nearest], bend)
+    size = len(sigmas), left
+    u, direction, x_end = np.empty((*size, 2)), np.empty((*size, 2)), np.empty((*size, 2))
+    opl, amplitude, coating, feet = np.empty(size), np.empty(size), np.empty(size), []
     for s, sigma in enumerate(sigmas):
-        at = compile_sequence(system, path, float(sigma))
+        at = sequence if s == middle else compile_sequence(system, path, float(sigma))
         here = found if s == middle else trace_with_derivatives(at, p, theta, "p")
-        traced, by_p = here.traced, here.dq - bend * here.dx
-        if len(traced.opl) > len(p):
-            traced, by_p = traced.some(keep), by_p[keep]
-        u, opl = in_chart(traced, p, theta, x0, bend)
-        amplitude = np.sqrt(traced.power / np.maximum(np.abs(determinants(by_p)), 1e-300))
-        clearance = clearance_rows(bounding, traced.foot)
-        catch.append(clearance_rows(edge, traced.foot[-1:]) if beyond else np.empty((0, len(p))))
-        same = np.broadcast_to(theta, p.shape)
-        parts.append((u, opl, amplitude, clearance, traced.direction, p, traced.x, same, traced.power))
-    return _stack(parts, np.stack(catch, axis=1), radius, phase, even, half, count)
+        feet.append(here.traced.foot)
+        coating[s] = here.traced.power if left == count else here.traced.power[keep]
+        chart_rays(keep, p, theta, x0, bend, here.traced.x, here.traced.direction, here.traced.opl, here.traced.power,
+                   here.dx, here.dq, u[s], opl[s], amplitude[s], direction[s], x_end[s])  # fmt: skip
+    clearance, catch = near_clearances(aperture, feet, keep, p, radius, beyond)
+    even, same, pupil = even_rays(count), np.empty((*size, 2)), np.empty((*size, 2))
+    if left < count:
+        even, p = even[keep], p[keep]
+    same[:], pupil[:] = theta, p
+    return Rays(u, opl, amplitude, clearance, direction, pupil, x_end, phase, even, cell_of(half, count), same, coating,
+                catch)  # fmt: skip
 
 
-def _stack(
-    parts: list, catch: Array, radius: float, phase: float, even: NDArray[np.bool_], half: float, count: int = NODES
-) -> Rays:
-    u, opl, amplitude, clearance, direction, p, x, theta, coating = (
-        np.stack(values) if len(values) > 1 else values[0][None] for values in zip(*parts, strict=True)
-    )
-    pupil = 1.0 - (p**2).sum(axis=2) / radius**2
-    cell = float(np.pi * (EVEN * half) ** 2 / (count - rim(count)))
-    clearance = np.concatenate([pupil[None], clearance.transpose(1, 0, 2)])
-    near = clearance.min(axis=(1, 2)) < COMFORTABLE
-    near[0] = True
-    return Rays(u, opl, amplitude, clearance[near], direction, p, x, phase, even, cell, theta, coating, catch)
+@lru_cache(maxsize=16)
+def even_rays(count: int) -> NDArray[np.bool_]:
+    """Which points of ``disc`` are spread evenly over it, (count,); not to be written to."""
+    even: NDArray[np.bool_] = np.arange(count) < count - rim(count)
+    even.flags.writeable = False
+    return even
+
+
+def cell_of(half: float, count: int) -> float:
+    """Area that each even ray over a disc of radius ``half`` stands for."""
+    return float(np.pi * (EVEN * half) ** 2 / (count - rim(count)))

@@ -13,18 +13,23 @@ themselves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import EmptyBeamError, MethodLimitError
-from cgi_wave.kernels.trace import clearance_rows
+from cgi_wave.kernels.beams import clearance_rows, mark_near, rows_of, valid_rays
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.paths import Path
-from cgi_wave.rays.trace import Sequence, Traced, caustics, compile_sequence, trace_with_derivatives, trouble
+from cgi_wave.rays.trace import Sequence as Surfaces
+from cgi_wave.rays.trace import caustics, compile_sequence, trace_with_derivatives, trouble
 
 Array = NDArray[np.float64]
+
+#: An aperture that is passed with this much room over the whole sampled disc cannot cut the beam.
+COMFORTABLE = 0.25
 
 
 @dataclass(frozen=True)
@@ -33,10 +38,11 @@ class PupilRays:
 
     p (N, 2) m; x (N, 2) m from x0, on the detector; q (N, 2) direction cosines there; opl (N,) m: Λ − q·(x − x0), with
     the p·θ of the incoming plane wave in it; power (N,) of the coatings; clearance (K, N), that of the entrance pupil
-    first; catch (K', N): of the detector's edge, which is not among these; dx, dq (N, 2, 2): ∂x/∂p and ∂q/∂p.
+    first, then those of apertures that these rays come near to; catch (K', N): those of the detector's edge, which does
+    not end them; dx, dq (N, 2, 2): ∂x/∂p and ∂q/∂p.
     """
 
-    sequence: Sequence
+    sequence: Surfaces
     theta: Array
     p: Array
     x: Array
@@ -75,8 +81,9 @@ def rays_from_points(
     edged = compile_sequence(system, path, sigma)
     sequence = edged.beyond()
     found = trace_with_derivatives(sequence, points, theta, "p")
-    keep = found.traced.valid
-    if not keep.any():
+    keep = np.empty(len(points), dtype=np.bool_)
+    count, _ = valid_rays(found.traced.status, found.traced.opl, points, keep)
+    if not count:
         raise EmptyBeamError(f"{path.label}: no ray of direction {theta} arrives; {trouble(sequence, found.traced)}")
     phantom = int((keep & (found.traced.clearance > 0.0) & ~found.traced.passes).sum())
     if phantom:
@@ -86,27 +93,38 @@ def rays_from_points(
             phantom / len(points),
             "give the aperture that stops them",
         )
+    rows = near_clearances(edged.aperture, [found.traced.foot], keep, points, system.pupil_radius, True)
+    clearance, catch = rows[0][:, 0], rows[1][:, 0]
     traced, p, dx, dq = found.traced, points, found.dx, found.dq
-    if not keep.all():
+    if count < len(points):
         traced, p, dx, dq = traced.some(keep), p[keep], dx[keep], dq[keep]
-    q, opl = in_chart(traced, p, theta, x0, 0.0)
-    pupil = 1.0 - (p**2).sum(axis=1) / system.pupil_radius**2
-    clearance = np.concatenate([pupil[None], clearance_rows(sequence.aperture[:-1], traced.foot)])
-    catch = clearance_rows(edged.aperture[-1:], traced.foot[-1:])
-    return PupilRays(sequence, theta, p, traced.x - x0, q, opl, traced.power, clearance, catch, dx, dq)
-
-
-def in_chart(traced: Traced, p: Array, theta: Array, x0: Array, bend: float) -> tuple[Array, Array]:
-    """u (N, 2) and path length (N,), m, about it."""
     away = traced.x - x0
     # The incoming plane wave reaches pupil point p with the phase of p·θ.
     opl = traced.opl + p @ theta - (traced.direction * away).sum(axis=1)
-    if bend == 0.0:
-        return traced.direction, opl
-    return traced.direction - bend * away, opl + 0.5 * bend * (away**2).sum(axis=1)
+    return PupilRays(sequence, theta, p, away, traced.direction, opl, traced.power, clearance, catch, dx, dq)
 
 
-def ray_phase(sequence: Sequence, p: Array, theta: Array, dx: Array, dq: Array, bend: float) -> float:
+def near_clearances(
+    aperture: Array, feet: Sequence[Array], keep: NDArray[np.bool_], p: Array, radius: float, beyond: bool = False
+) -> tuple[Array, Array]:
+    """Clearances (K', S, M) of the rays of a mask (N,): that of the pupil, then those that are not comfortable.
+
+    Those of the last aperture are told apart if the beam goes on ``beyond`` it, (K'', S, M), else none.
+
+    aperture (K, APERTURE_COLUMNS); feet: footprints (K, 2, N) at S wavenumbers; p (N, 2): pupil points, m, and the
+    pupil's radius. 1 at the centre of an aperture, 0 at its edge, smooth: a rectangle has four.
+    """
+    near = np.zeros(rows_of(aperture), dtype=np.bool_)
+    for foot in feet:
+        mark_near(aperture, foot, keep, COMFORTABLE, near)
+    out = np.empty((1 + np.count_nonzero(near), len(feet), np.count_nonzero(keep)))
+    for s, foot in enumerate(feet):
+        clearance_rows(aperture, foot, keep, p, radius, near, out[:, s])
+    bounding = len(out) - (int(np.count_nonzero(near[rows_of(aperture[:-1]) :])) if beyond else 0)
+    return out[:bounding], out[bounding:]
+
+
+def ray_phase(sequence: Surfaces, p: Array, theta: Array, dx: Array, dq: Array, bend: float) -> float:
     """Constant phase of a path in the chart of ``bend``, rad: coatings, caustics crossed, the turn from x to u.
 
     By one ray; the same for all between which det ∂u/∂p has one sign.
@@ -115,11 +133,12 @@ def ray_phase(sequence: Sequence, p: Array, theta: Array, dx: Array, dq: Array, 
     # From position to u by stationary phase: exp(iπ/4 · signature of ∂u/∂x).
     # Both eigenvalues have the sign of the trace, or opposite ones.
     (a, b), (c, d) = dx.tolist()
-    inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
-    (a, b), (c, d) = (dq @ inverse).tolist()
+    (e, f), (g, h) = dq.tolist()
+    det = a * d - b * c
+    a, b, c, d = (e * d - f * c) / det, (f * a - e * b) / det, (g * d - h * c) / det, (h * a - g * b) / det
     a, d = a - bend, d - bend
-    signature = 2.0 * np.sign(a + d) if a * d - b * c > 0.0 else 0.0
-    return float(sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature)
+    signature = (2.0 if a + d > 0.0 else -2.0) if a * d - b * c > 0.0 else 0.0
+    return sequence.phase - 0.5 * np.pi * crossed + 0.25 * np.pi * signature
 
 
 def determinants(matrices: Array) -> Array:

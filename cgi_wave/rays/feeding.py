@@ -149,5 +149,9 @@ def bounding_disc(points: Array, half: float, count: int) -> tuple[Array, float]
     They are some of ``count`` points over a disc of radius ``half``.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    spacing = 1.8 * half / np.sqrt(count)
-    return centre, float(np.sqrt(((points - centre) ** 2).sum(axis=1)).max() + 1.5 * spacing)
+    return centre, with_room(float(np.sqrt(((points - centre) ** 2).sum(axis=1)).max()), half, count)
+
+
+def with_room(reach: float, half: float, count: int) -> float:
+    """``reach`` of points, widened by what may lie between them and the next ones, as in ``bounding_disc``."""
+    return reach + 1.5 * 1.8 * half / float(np.sqrt(count))
