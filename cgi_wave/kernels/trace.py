@@ -24,15 +24,15 @@ BEYOND, MISS, TIR, BACKWARD, WRONG_SIDE = 0, 1, 2, 3, 4
 NUMBER, BARE, FILM = 0, 1, 2
 REFRACT, REFLECT = 0, 1
 PLANE, SPHERE, CONIC = 0, 1, 2
-#: Slice length: a slice of eight float64 columns (32 kB) stays in the first-level cache; with two tangents of six
-#: columns each it is the shorter one that does.
-SLICE, TANGENT_SLICE = 512, 128
+#: Slice length: a slice of eight float64 columns (32 kB) stays in the first-level cache. With two tangents it does not,
+#: and yet shorter ones are slower: a loop takes as long to begin as for some hundred rays.
+SLICE = 512
 #: Columns of a slice begin this much further apart than its length: at whole multiples of 4096 bytes a store into one
 #: looks to the processor like a store into the next, and holds up its loads.
 PAD = 24
 #: A slice's tangents are columns of one array, so that loops over them need not ask whether they overlap: from one
 #: column to the next, and from one tangent to the next.
-WIDE = TANGENT_SLICE + PAD
+WIDE = SLICE + PAD
 SIX = 6 * WIDE
 #: Widest aperture description: kind (0 none, 1 circle, 2 rectangle), half width x, half width y, centre x, centre y.
 APERTURE_COLUMNS = 5
@@ -445,10 +445,9 @@ def trace_sequence(rot, shift, curvature, conic, n1, n2, mode, side, weight, bar
     foot (K, 2, N) receives the local x, y at every surface, or has K = 0 and receives nothing.
     """
     count, tangents = rays.shape[1], tangent.shape[0]
-    step = SLICE if tangents == 0 else TANGENT_SLICE
-    room, carried = np.empty((3, step + PAD)), np.empty(tangents * SIX)
-    for first in range(0, count, step):
-        width = min(step, count - first)
+    room, carried = np.empty((3, SLICE + PAD)), np.empty(tangents * SIX)
+    for first in range(0, count, SLICE):
+        width = min(SLICE, count - first)
         s, w = slice(first, first + width), slice(0, width)
         for t in range(tangents):
             for row in range(6):

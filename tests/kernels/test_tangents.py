@@ -6,7 +6,7 @@ from sequences import place, random_rays, random_steps, run
 
 from cgi_wave.kernels.trace import (
     REFLECT,
-    TANGENT_SLICE,
+    SLICE,
     aim_rays,
     clearance_rows,
     count_caustics,
@@ -84,7 +84,7 @@ def test_tangents_are_derivatives_of_the_rays():
 
 def test_tangents_leave_the_rays_alone_and_slices_do_not_show():
     rng = np.random.default_rng(3)
-    count = TANGENT_SLICE + 3
+    count = SLICE + 3
     steps, rays = random_steps(rng), random_rays(rng, count, 9e-3)
     plain, out = run(steps, rays, footprints=True)
     with_tangent, out_2 = run(steps, rays, footprints=True, tangent=(tangent := rng.normal(size=(2, 6, count))))
