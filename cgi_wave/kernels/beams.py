@@ -127,10 +127,40 @@ def mark_near(aperture, foot, keep, limit, near):
 
 
 @njit(**_JIT)
+def _round_row(x, y, ap, keep, whole, row):
+    """Clearances (M,) from a circle, of the rays marked in ``keep`` (N,), or of the ``whole`` slice."""
+    inv, j = 1.0 / (ap[1] * ap[1]), 0
+    if whole:
+        for i in range(x.shape[0]):
+            dx, dy = x[i] - ap[3], y[i] - ap[4]
+            row[i] = 1.0 - (dx * dx + dy * dy) * inv
+        return
+    for i in range(x.shape[0]):
+        if keep[i]:
+            dx, dy = x[i] - ap[3], y[i] - ap[4]
+            row[j] = 1.0 - (dx * dx + dy * dy) * inv
+            j += 1
+
+
+@njit(**_JIT)
+def _straight_row(x, middle, inv, keep, whole, row):
+    """Clearances (M,) from one side of a rectangle, ``1/inv`` from its middle; as ``_round_row``."""
+    j = 0
+    if whole:
+        for i in range(x.shape[0]):
+            row[i] = 1.0 - (x[i] - middle) * inv
+        return
+    for i in range(x.shape[0]):
+        if keep[i]:
+            row[j] = 1.0 - (x[i] - middle) * inv
+            j += 1
+
+
+@njit(**_JIT)
 def clearance_rows(aperture, foot, keep, p, radius, near, out):
     """Clearances (1 + R', M) into ``out``: the pupil's, of ``radius``, at p (N, 2), then those of ``rows_of`` marked in
     ``near``, at footprints (K, 2, N); rays of ``keep`` (N,)."""
-    j = 0
+    j, whole = 0, out.shape[1] == p.shape[0]
     for i in range(p.shape[0]):
         if keep[i]:
             out[0, j] = 1.0 - (p[i, 0] * p[i, 0] + p[i, 1] * p[i, 1]) / (radius * radius)
@@ -138,17 +168,15 @@ def clearance_rows(aperture, foot, keep, p, radius, near, out):
     row, place = 0, 1
     for k in range(aperture.shape[0]):
         ap = aperture[k]
-        for side in range(1 if ap[0] == 1.0 else 4 if ap[0] == 2.0 else 0):
+        if ap[0] == 1.0:
             if near[row]:
-                j = 0
-                for i in range(p.shape[0]):
-                    if keep[i]:
-                        dx, dy = (foot[k, 0, i] - ap[3]) / ap[1], (foot[k, 1, i] - ap[4]) / ap[2]
-                        if ap[0] == 1.0:
-                            out[place, j] = 1.0 - (dx * dx + dy * dy)
-                        else:
-                            away = dx if side < 2 else dy
-                            out[place, j] = 1.0 + away if side % 2 == 1 else 1.0 - away
-                        j += 1
+                _round_row(foot[k, 0], foot[k, 1], ap, keep, whole, out[place])
                 place += 1
             row += 1
+        elif ap[0] == 2.0:
+            for side in range(4):
+                if near[row]:
+                    axis, sign = side // 2, 1.0 - 2.0 * (side % 2)
+                    _straight_row(foot[k, axis], ap[3 + axis], sign / ap[1 + axis], keep, whole, out[place])
+                    place += 1
+                row += 1

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import InputError
+from cgi_wave.kernels.aiming import aim_rays, count_caustics
 from cgi_wave.kernels.trace import (
     BACKWARD,
     BEYOND,
@@ -19,8 +20,6 @@ from cgi_wave.kernels.trace import (
     REFRACT,
     TIR,
     WRONG_SIDE,
-    aim_rays,
-    count_caustics,
     launch,
     trace_fan,
     trace_sequence,

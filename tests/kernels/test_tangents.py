@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 from sequences import place, random_rays, random_steps, run
 
-from cgi_wave.kernels.trace import (
-    REFLECT,
-    TANGENT_SLICE,
-    aim_rays,
-    clearance_rows,
-    count_caustics,
-    launch,
-    trace_sequence,
-)
+from cgi_wave.kernels.aiming import aim_rays, count_caustics
+from cgi_wave.kernels.trace import REFLECT, SLICE, launch, trace_sequence
 
 PARAMETERS = 4
 
@@ -82,9 +75,41 @@ def test_tangents_are_derivatives_of_the_rays():
     assert compared > 350
 
 
+KINDS_OF_FRAME = [
+    {"curvature": curvature, "conic": conic, "tilt": tilt, **law}
+    for curvature, conic in ((0.0, 0.0), (20.0, 0.0), (-15.0, -0.7))
+    for tilt in ((0.0, 0.0, 0.0), (12.0, -7.0, 5.0))
+    for law in ({"n2": 1.5}, {"mode": REFLECT}, {})
+]
+
+
+@pytest.mark.parametrize("kind", KINDS_OF_FRAME, ids=lambda kind: "-".join(str(value) for value in kind.values()))
+def test_tangents_at_every_kind_of_frame(kind):
+    """Each shape, turned and not, refracting, reflecting or neither: the fourth tangent like the first, by differences.
+
+    Behind the surface stands a plane along the first one's axes, so that the frame's own turn is in play twice.
+    """
+    rng = np.random.default_rng(1)
+    steps = [place(0.03, **kind), place(0.01 if kind.get("mode") == REFLECT else 0.05, n1=kind.get("n2", 1.0))]
+    rays = random_rays(rng, 11, 3e-3)
+    direction = rng.normal(size=(4, 6, 11)) * np.array([1e-2] * 3 + [1.0] * 3)[:, None]
+    direction[:, 3:] -= (direction[:, 3:] * rays[3:]).sum(axis=1, keepdims=True) * rays[3:]
+    _, out = run(steps, rays, tangent=(tangent := direction.copy()))
+    assert (out["status"] == 0).all()
+    step = 1e-5
+    for t in range(4):
+        ends = []
+        for sign in (1, -1):
+            moved = rays + sign * step * direction[t]
+            moved[3:] /= np.sqrt((moved[3:] ** 2).sum(axis=0))
+            ends.append(run(steps, moved)[0])
+        difference = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(tangent[t], difference, rtol=0, atol=1e-8 * np.abs(difference).max())
+
+
 def test_tangents_leave_the_rays_alone_and_slices_do_not_show():
     rng = np.random.default_rng(3)
-    count = TANGENT_SLICE + 3
+    count = SLICE + 3
     steps, rays = random_steps(rng), random_rays(rng, count, 9e-3)
     plain, out = run(steps, rays, footprints=True)
     with_tangent, out_2 = run(steps, rays, footprints=True, tangent=(tangent := rng.normal(size=(2, 6, count))))
@@ -146,13 +171,6 @@ def test_aim_gives_up_where_the_end_does_not_answer():
     steps = thin_lens(0.1, 0.2, start=0.2)
     arrived, *_ = aimed(steps, np.zeros((1, 2)), np.array([5e-3, 0.0]), np.zeros((1, 2)))
     assert not arrived.any()
-
-
-def test_rows_of_clearances():
-    circle, box = np.array([1.0, 2.0, 2.0, 0.5, 0.0]), np.array([2.0, 1.0, 4.0, 0.0, 1.0])
-    foot = np.array([[[1.5, 0.5], [0.0, 2.0]], [[0.5, -1.0], [3.0, 5.0]]])
-    rows = clearance_rows(np.array([circle, box]), foot)
-    np.testing.assert_allclose(rows, [[0.75, 0.0], [0.5, 2.0], [1.5, 0.0], [0.5, 0.0], [1.5, 2.0]])
 
 
 @pytest.mark.parametrize(
