@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 _BLOCK = 4  # rows that are freed of as many others at once: what they share stays in registers
+_LANES = 8  # numbers that a processor works on at once, at most
 _TWICE = 0.5  # a row that loses more than this share of its length to others is freed of them again
 _SLICE = 64  # points that are looked up together
 _GONE = 1e-9  # a row that keeps no more than this depends on the others
@@ -45,11 +46,12 @@ def _free_block(a, b, size, upto, d):
 
     What stands in the places from there up to ``upto`` takes part in the subtraction only.
     """
-    a0, a1, a2, a3 = a[0], a[1], a[2], a[3]
-    b0, b1, b2, b3 = b[0], b[1], b[2], b[3]
+    # Only loops over whole arrays are sure to vectorise.
+    a0, a1, a2, a3 = a[0, :size], a[1, :size], a[2, :size], a[3, :size]
+    b0, b1, b2, b3 = b[0, :size], b[1, :size], b[2, :size], b[3, :size]
     d00 = d01 = d02 = d03 = d10 = d11 = d12 = d13 = 0.0
     d20 = d21 = d22 = d23 = d30 = d31 = d32 = d33 = 0.0
-    for i in range(size):
+    for i in range(a0.shape[0]):
         p, q, r, s = a0[i], a1[i], a2[i], a3[i]
         t, u, v, w = b0[i], b1[i], b2[i], b3[i]
         d00 += p * t
@@ -68,7 +70,9 @@ def _free_block(a, b, size, upto, d):
         d31 += s * u
         d32 += s * v
         d33 += s * w
-    for i in range(upto):
+    a0, a1, a2, a3 = a[0, :upto], a[1, :upto], a[2, :upto], a[3, :upto]
+    b0, b1, b2, b3 = b[0, :upto], b[1, :upto], b[2, :upto], b[3, :upto]
+    for i in range(a0.shape[0]):
         p, q, r, s = a0[i], a1[i], a2[i], a3[i]
         b0[i] -= p * d00 + q * d10 + r * d20 + s * d30
         b1[i] -= p * d01 + q * d11 + r * d21 + s * d31
@@ -81,23 +85,39 @@ def _free_block(a, b, size, upto, d):
 
 
 @njit(**_JIT, fastmath=_FAST)
+def _dots(a, b, d):
+    """d (4,) receives the sums of products of four rows a (4, N) with b (N,)."""
+    a0, a1, a2, a3 = a[0], a[1], a[2], a[3]
+    d0 = d1 = d2 = d3 = 0.0
+    for i in range(b.shape[0]):
+        v = b[i]
+        d0 += a0[i] * v
+        d1 += a1[i] * v
+        d2 += a2[i] * v
+        d3 += a3[i] * v
+    d[0], d[1], d[2], d[3] = d0, d1, d2, d3
+
+
+@njit(**_JIT, fastmath=_FAST)
+def _add(a, d, b):
+    """b (M,) receives four rows a (4, M), each d (4,) times."""
+    a0, a1, a2, a3 = a[0], a[1], a[2], a[3]
+    d0, d1, d2, d3 = d[0], d[1], d[2], d[3]
+    for i in range(b.shape[0]):
+        b[i] += a0[i] * d0 + a1[i] * d1 + a2[i] * d2 + a3[i] * d3
+
+
+@njit(**_JIT)
 def _free_row(rows, j, low, size, upto):
     """Free row j of rows low…j − 1: as ``_free_block``."""
-    b = rows[j]
-    whole = low + (j - low) // _BLOCK * _BLOCK
+    whole, d = low + (j - low) // _BLOCK * _BLOCK, np.empty(_BLOCK)
     for k in range(low, whole, _BLOCK):
-        a0, a1, a2, a3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
-        d0 = d1 = d2 = d3 = 0.0
-        for i in range(size):
-            v = b[i]
-            d0 += a0[i] * v
-            d1 += a1[i] * v
-            d2 += a2[i] * v
-            d3 += a3[i] * v
-        for i in range(upto):
-            b[i] -= a0[i] * d0 + a1[i] * d1 + a2[i] * d2 + a3[i] * d3
+        _dots(rows[k : k + _BLOCK, :size], rows[j, :size], d)
+        for i in range(_BLOCK):
+            d[i] = -d[i]
+        _add(rows[k : k + _BLOCK, :upto], d, rows[j, :upto])
     for k in range(whole, j):
-        _subtract(b[:upto], _dot(rows[k, :size], b[:size]), rows[k, :upto])
+        _subtract(rows[j, :upto], _dot(rows[k, :size], rows[j, :size]), rows[k, :upto])
 
 
 @njit(**_JIT)
@@ -116,25 +136,26 @@ def _times(c, degree, axis, out):
 
 
 @njit(**_JIT)
-def orthonormalise(rows, x, first, last):
+def orthonormalise(rows, x, size, first, last):
     """Polynomials of total degrees first…last − 1, orthonormal at points x (N, 2), to go on from those of lower degree.
 
-    rows (P + 3, N + P), lowest degree first, receives their values and behind them their coefficients of the products
-    T_i T_j in the same order; those behind the last are 0. One that depends on the others at the points gets 0.
+    rows (P + 3, size + P), lowest degree first, receives their values, up to ``size`` >= N with 0 behind them, and then
+    their coefficients of the products T_i T_j in the same order; rows behind the last are 0. One that depends on the
+    others at the points gets 0.
     """
-    size, d4 = x.shape[0], np.empty((_BLOCK, _BLOCK))
+    count, d4 = x.shape[0], np.empty((_BLOCK, _BLOCK))
     for degree in range(first, last):
         start, stop = degree * (degree + 1) // 2, (degree + 1) * (degree + 2) // 2
-        rows[start:stop, size:] = 0.0
+        rows[start:stop, count:] = 0.0
         rows[stop : stop + _BLOCK - 1] = 0.0
         upto = size + stop
         if degree == 0:
-            rows[0, :upto] = 1.0 / math.sqrt(size)
+            rows[0, :count] = rows[0, size] = 1.0 / math.sqrt(count)
             continue
         for j in range(start, stop):
             # x times the rows of the last degree, and y times the first of them
             parent, axis = (j - degree - 1, 0) if j > start else (j - degree, 1)
-            for p in range(size):
+            for p in range(count):
                 rows[j, p] = x[p, axis] * rows[parent, p]
             _times(rows[parent, size:], degree - 1, axis, rows[j, size:])
         least = (degree - 1) * (degree - 2) // 2
@@ -163,16 +184,16 @@ def orthonormalise(rows, x, first, last):
 
 @njit(**_JIT)
 def project(rows, first, last, residual, share, along):
-    """Take the parts along orthonormal rows first…last − 1 of ``orthonormalise`` out of residual (Q, N), in place; Q is
-    a multiple of four.
+    """Take the parts along orthonormal rows first…last − 1 of ``orthonormalise`` out of residual (Q, size), in place; Q
+    is a multiple of four.
 
     along (Q, P + 3) receives them; share (N,): one minus the diagonal of the hat matrix, lowered by what these rows
     add.
     """
-    size, d4 = share.shape[0], np.empty((_BLOCK, _BLOCK))
+    size, d4 = residual.shape[1], np.empty((_BLOCK, _BLOCK))
     for j in range(first, last, _BLOCK):
         q0, q1, q2, q3 = rows[j], rows[j + 1], rows[j + 2], rows[j + 3]
-        for i in range(size):
+        for i in range(share.shape[0]):
             share[i] -= q0[i] * q0[i] + q1[i] * q1[i] + q2[i] * q2[i] + q3[i] * q3[i]
         for v in range(0, residual.shape[0], _BLOCK):
             _free_block(rows[j : j + _BLOCK], residual[v : v + _BLOCK], size, size, d4)
@@ -183,7 +204,7 @@ def project(rows, first, last, residual, share, along):
 
 @njit(**_JIT, fastmath=_LARGEST)
 def _largest_of(residual, weight, chosen):
-    """The largest size of residual (N,) times weight (N,), over the chosen (N,), 1 or 0, and over all."""
+    """The largest size of residual (N,) times weight (N,), over the chosen (N,) and over all."""
     some = every = 0.0
     for i in range(residual.shape[0]):
         misfit = abs(residual[i]) * weight[i]
@@ -194,22 +215,28 @@ def _largest_of(residual, weight, chosen):
 
 @njit(**_JIT)
 def largest(residual, share, free, chosen):
-    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q', N), Q' >= Q, and share (N,), which is at
-    least ``free``: over its chosen (Q, N) samples, 1 or 0, and over all.
+    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q', N'), at least (Q, N), and share (N,), which is
+    at least ``free``: over its chosen (Q, N) samples, and over all.
     """
     out, weight = np.empty((chosen.shape[0], 2)), np.empty(share.shape[0])
     for i in range(share.shape[0]):
         weight[i] = 1.0 / max(share[i], free)
     for v in range(chosen.shape[0]):
-        out[v, 0], out[v, 1] = _largest_of(residual[v], weight, chosen[v])
+        out[v, 0], out[v, 1] = _largest_of(residual[v, : share.shape[0]], weight, chosen[v])
     return out
 
 
 @njit(**_JIT)
-def _fours(values):
-    """Values (Q, N) with rows of 0 behind them, so that they are a multiple of four."""
-    out = np.zeros((-(-values.shape[0] // _BLOCK) * _BLOCK, values.shape[1]))
-    out[: values.shape[0]] = values
+def padded(count):
+    """The least multiple of _LANES that is not below a count: loops up to there leave no rest."""
+    return -(-count // _LANES) * _LANES
+
+
+@njit(**_JIT)
+def _padded(values):
+    """Values (Q, N) with 0 behind them, so that rows are a multiple of four, and their length as ``padded``."""
+    out = np.zeros((-(-values.shape[0] // _BLOCK) * _BLOCK, padded(values.shape[1])))
+    out[: values.shape[0], : values.shape[1]] = values
     return out
 
 
@@ -218,7 +245,7 @@ def climb(x, values, chosen, clearance, edge, terms, count_s, weight, target, li
     """Fits of values (Q, N) at points x (N, 2) for total degrees below terms (D,), one after the other, until one does.
 
     The rows of values: paths and amplitudes at count_s wavenumbers, clearances at the middle one, more. chosen (Q, N):
-    1 for samples of which the misfit counts, 0 for others. clearance, edge (count_s, K, N): clearances at all
+    samples of which the misfit counts. clearance, edge (count_s, K, N): clearances at all
     wavenumbers, and where they count; of the others than the middle one the change is part of the misfit.
 
     weight (2,): of the largest misfits of path and amplitude, which with the least of a clearance's make a score: the
@@ -228,15 +255,15 @@ def climb(x, values, chosen, clearance, edge, terms, count_s, weight, target, li
     Returns rows, along (Q, P + 3) of ``combine``, and (D', Q, 2) the largest leave-one-out misfits, over chosen samples
     and over all, of the degrees that were tried.
     """
-    size, most, middle = x.shape[0], terms.shape[0], count_s // 2
+    size, most, middle = padded(x.shape[0]), terms.shape[0], count_s // 2
     count, count_k = terms[-1] * (terms[-1] + 1) // 2, clearance.shape[1]
-    rows = np.empty((count + _BLOCK - 1, size + count))
-    residual, worst = _fours(values), np.zeros((most, values.shape[0], 2))
-    along, share = np.zeros((residual.shape[0], count + _BLOCK - 1)), np.ones(size)
+    rows = np.empty((count + _BLOCK - 1, size + padded(count)))
+    residual, worst = _padded(values), np.zeros((most, values.shape[0], 2))
+    along, share = np.zeros((residual.shape[0], count + _BLOCK - 1)), np.ones(x.shape[0])
     before = last = 0.0
     n = tried = 0
     for t in range(most):
-        orthonormalise(rows, x, n, terms[t])
+        orthonormalise(rows, x, size, n, terms[t])
         project(rows, n * (n + 1) // 2, terms[t] * (terms[t] + 1) // 2, residual, share, along)
         n, tried = terms[t], t + 1
         worst[t] = largest(residual, share, free, chosen)
@@ -248,7 +275,7 @@ def climb(x, values, chosen, clearance, edge, terms, count_s, weight, target, li
             for s in range(count_s):
                 if s == middle:
                     continue
-                for i in range(size):
+                for i in range(x.shape[0]):
                     if edge[s, k, i]:
                         off = abs(clearance[s, k, i] - clearance[middle, k, i] + residual[row, i])
                         worst[t, row, 0] = max(worst[t, row, 0], off)
@@ -266,7 +293,7 @@ def climb(x, values, chosen, clearance, edge, terms, count_s, weight, target, li
 @njit(**_JIT, fastmath=_FAST)
 def combine(rows, size, along, terms, n):
     """Coefficients (Q, n, n) of the products T_i T_j from the parts along (Q, P) of the first rows of
-    ``orthonormalise`` at ``size`` points, of each value below its own total degree terms (Q,), at most n."""
+    ``orthonormalise``, of each value below its own total degree terms (Q,), at most n."""
     out = np.zeros((along.shape[0], n, n))
     total = np.empty(n * (n + 1) // 2)
     for v in range(along.shape[0]):
@@ -307,13 +334,14 @@ def mapped(p, values, n, free):
         half, square = max(half, away), square + away / p.shape[0]
     half = math.sqrt(half)
     x = (p - centre) / half
-    basis = np.empty((rows + _BLOCK - 1, p.shape[0] + rows))
-    residual, share = _fours(values.T), np.ones(p.shape[0])
+    residual, share = _padded(values.T), np.ones(p.shape[0])
+    size = residual.shape[1]
+    basis = np.empty((rows + _BLOCK - 1, size + padded(rows)))
     along = np.empty((residual.shape[0], rows + _BLOCK - 1))
-    orthonormalise(basis, x, 0, n)
+    orthonormalise(basis, x, size, 0, n)
     project(basis, 0, rows, residual, share, along)
     found = largest(residual, share, free, np.ones((2, p.shape[0])))
-    slopes = polynomials(combine(basis, p.shape[0], along[:2], np.full(2, n), n), x)
+    slopes = polynomials(combine(basis, size, along[:2], np.full(2, n), n), x)
     det = (slopes[0, 1] * slopes[1, 2] - slopes[0, 2] * slopes[1, 1]) / half**2
     return det, found[:, 1].max() / max((high - low).max(), 1e-300), math.sqrt(2.0 * square)
 

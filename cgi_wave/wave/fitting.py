@@ -33,7 +33,7 @@ class Climb:
         limit: float = np.inf,
     ) -> None:
         """Arguments as those of ``kernels.fit.climb``; x (N, 2) in the unit disc."""
-        self._size = len(x)
+        self._size = fit.padded(len(x))
         self._rows, self._along, self.worst = fit.climb(
             x, values, chosen, clearance, edge, terms, len(clearance), weight, target, limit, _DOUBT, _FREE
         )
