@@ -2,10 +2,135 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
 _JIT = {"cache": True, "nogil": True}
+_LANES = 32  # numbers that are compared at once: a single least one does not vectorise
+
+
+@njit(**_JIT)
+def _least(values):
+    """Least of values (N,)."""
+    lane, whole = np.full(_LANES, np.inf), values.shape[0] // _LANES * _LANES
+    for first in range(0, whole, _LANES):
+        block = values[first : first + _LANES]
+        for i in range(_LANES):
+            lane[i] = min(lane[i], block[i])
+    out = np.inf
+    for i in range(_LANES):
+        out = min(out, lane[i])
+    for i in range(whole, values.shape[0]):
+        out = min(out, values[i])
+    return out
+
+
+@njit(**_JIT)
+def same_disc(p, disc):
+    """Whether points p (N, 2), moved onto the unit disc about the middle of the box around them, are those of disc."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(p.shape[0]):
+        for axis in range(2):
+            low[axis], high[axis] = min(low[axis], p[i, axis]), max(high[axis], p[i, axis])
+    centre, square = 0.5 * (low + high), 0.0
+    for i in range(p.shape[0]):
+        square = max(square, (p[i, 0] - centre[0]) ** 2 + (p[i, 1] - centre[1]) ** 2)
+    half = math.sqrt(square)
+    for i in range(p.shape[0]):
+        for axis in range(2):
+            if not abs(p[i, axis] - centre[axis] - half * disc[i, axis]) < 1e-9 * half:
+                return False
+    return True
+
+
+@njit(**_JIT)
+def near_zero(clearance, ample):
+    """Rows of clearance (K, N) that somewhere are below ``ample``, their numbers; the least of all if there is none."""
+    least, rows, found, lowest = np.empty(clearance.shape[0]), np.empty(clearance.shape[0], np.int64), 0, 0
+    for k in range(clearance.shape[0]):
+        least[k] = _least(clearance[k])
+        lowest = k if least[k] < least[lowest] else lowest
+        if least[k] < ample:
+            rows[found] = k
+            found += 1
+    if found == 0:
+        rows[0], found = lowest, 1
+    taken = np.empty((found, clearance.shape[1]))
+    for k in range(found):
+        taken[k] = clearance[rows[k]]
+    return taken, rows[:found]
+
+
+@njit(**_JIT)
+def _line(half, place, first, out):
+    """One line of a grid: fills out (M,) with the sums of place (n,) times half (n, G), from its column ``first``."""
+    size = out.shape[0]
+    out[:] = 0.0
+    for i in range(half.shape[0]):
+        row, factor = half[i, first : first + size], place[i]
+        for m in range(size):
+            out[m] += factor * row[m]
+
+
+@njit(**_JIT)
+def _across(coef, across, half):
+    """Fills half (n, G) with the sums over j of coef (n, n) times across (n', G)."""
+    n = coef.shape[0]
+    half[:, :] = 0.0
+    for i in range(n):
+        for j in range(n):
+            factor = coef[i, j]
+            if factor != 0.0:
+                for m in range(half.shape[1]):
+                    half[i, m] += factor * across[j, m]
+
+
+@njit(**_JIT)
+def on_grid(coef, n, along):
+    """Values (K, G, G) on a grid of the sums of coef (K, n', n') times along[:n] in either direction; along (n'', G)."""
+    size = along.shape[1]
+    out, half, place = np.empty((coef.shape[0], size, size)), np.empty((n, size)), np.ascontiguousarray(along.T)
+    for k in range(coef.shape[0]):
+        _across(coef[k, :n, :n], along, half)
+        for i in range(size):
+            _line(half, place[i, :n], 0, out[k, i])
+    return out
+
+
+@njit(**_JIT)
+def bounding_polynomials(coef, order, powers, limiting, same):
+    """``bounding`` of polynomials on a grid over the unit disc, a line on its edge included.
+
+    coef (K, T) of products of powers order (T, 2) of x and y; powers (n, G): those of an axis over [-1, 1].
+    """
+    n, size = powers.shape
+    step = 2.0 / (size - 1)
+    first, stop, count = np.zeros(size, np.int64), np.zeros(size, np.int64), 0
+    for i in range(size):
+        reach = math.sqrt(max((1.0 + 0.5 * step) ** 2 - powers[1, i] ** 2, 0.0))
+        away = min(int(reach / step), size // 2)
+        first[i], stop[i] = size // 2 - away, size // 2 + away + 1
+        count += stop[i] - first[i]
+    place, one, half = np.ascontiguousarray(powers.T), np.zeros((n, n)), np.empty((n, size))
+    dense = np.empty((coef.shape[0], count))
+    for k in range(coef.shape[0]):
+        for t in range(order.shape[0]):
+            one[order[t, 0], order[t, 1]] = coef[k, t]
+        _across(one, powers, half)
+        at = 0
+        for i in range(size):
+            _line(half, place[i], first[i], dense[k, at : at + stop[i] - first[i]])
+            at += stop[i] - first[i]
+    kept = bounding(dense, limiting, same)
+    if len(kept):
+        return kept
+    lowest, least = 0, np.inf
+    for k in range(coef.shape[0]):
+        low = _least(dense[k])
+        lowest, least = (k, low) if low < least else (lowest, least)
+    return np.array([lowest])
 
 
 @njit(**_JIT)
@@ -16,7 +141,7 @@ def bounding(dense, limiting, same):
     rows, count = dense.shape
     least = np.empty(rows)
     for k in range(rows):
-        least[k] = dense[k].min()
+        least[k] = _least(dense[k])
     kept, found = np.empty(rows, np.int64), 0
     others = np.full(count, np.inf)
     for k in np.argsort(least):
@@ -66,29 +191,34 @@ def bounding(dense, limiting, same):
 
 @njit(**_JIT)
 def in_light(values, disc, residual):
-    """(K,) which clearances, values (K, G, G) on a grid, remain when those go that are positive wherever the others
-    are.
+    """Which clearances, values (K, G, G) on a grid, remain when those go that are positive wherever the others are:
+    (K,); and which of them darken a node that all others leave lit, and so remain on every finer grid.
 
     disc (G, G): clearance of the domain; residual (K,). One goes that exceeds, at nodes where the others are positive
     and where lines of the grid leave these, the residuals and half of what it changes by from one node to the next
     there. They go one by one, the most positive first; two remain.
     """
     rows, size = values.shape[0], values.shape[1]
-    kept = np.ones(rows, np.bool_)
-    low = np.full(rows, np.inf)
-    # The least two clearances at each node, and which the first of them is: what the others leave when one is taken
-    # away.
-    one, two, first = np.empty((size, size)), np.empty((size, size)), np.empty((size, size), np.int64)
-    rest = np.empty((size, size))
-    cuts = np.zeros(rows, np.bool_)
+    kept, cuts, low = np.ones(rows, np.bool_), np.zeros(rows, np.bool_), np.full(rows, np.inf)
+    # How many clearances darken each node, and the sum of their numbers: that of the one where it is one.
+    dark, who = np.zeros((size, size), np.int32), np.zeros((size, size), np.int32)
+    for k in range(rows):
+        _darken(values[k], dark, who, k, 1)
+    _alone(dark, who, disc, cuts)
+    # One that darkens no node alone takes none from the others: where these are positive, all are.
+    lit, shown = np.empty((size, size), np.bool_), np.empty((size, size))
     for i in range(size):
-        _least_two(values[:, i], kept, one[i], two[i], first[i])
         for j in range(size):
-            if one[i, j] > 0.0 and disc[i, j] > 0.0:
-                for k in range(rows):
-                    low[k] = min(low[k], values[k, i, j])
-            elif disc[i, j] > 0.0 and two[i, j] > 0.0:
-                cuts[first[i, j]] = True  # dark by this one alone
+            lit[i, j] = dark[i, j] == 0 and disc[i, j] > 0.0
+    for k in range(rows):
+        if not cuts[k]:
+            for i in range(size):
+                for j in range(size):
+                    shown[i, j] = values[k, i, j] if lit[i, j] else np.inf
+            low[k] = _least(shown.reshape(size * size))
+        else:
+            low[k] = -np.inf
+    edges = _leaving(lit)
     left = rows
     for k in np.argsort(-low):
         if left < 3:
@@ -99,45 +229,77 @@ def in_light(values, disc, residual):
                 worst = max(worst, residual[j])
         if cuts[k] or low[k] <= residual[k] + 2.0 * worst:
             continue
-        least, step = np.inf, 0.0
-        own = values[k]
-        for i in range(size):
-            for j in range(size):
-                rest[i, j] = min(two[i, j] if first[i, j] == k else one[i, j], disc[i, j])
-            for j in range(size):
-                least = min(least, own[i, j] if rest[i, j] > 0.0 else np.inf)
-        for i in range(size):
-            for j in range(1, size):
-                if (rest[i, j] > 0.0) != (rest[i, j - 1] > 0.0):
-                    change = own[i, j - 1] - own[i, j]
-                    least = min(least, own[i, j] + rest[i, j] / (rest[i, j] - rest[i, j - 1]) * change)
-                    step = max(step, abs(change))
-        for i in range(1, size):
-            for j in range(size):
-                if (rest[i, j] > 0.0) != (rest[i - 1, j] > 0.0):
-                    change = own[i - 1, j] - own[i, j]
-                    least = min(least, own[i, j] + rest[i, j] / (rest[i, j] - rest[i - 1, j]) * change)
-                    step = max(step, abs(change))
+        least, step = low[k], 0.0
+        for e in range(edges.shape[0]):
+            i, j, di, dj = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
+            here, there = disc[i, j], disc[i - di, j - dj]
+            for m in range(rows):
+                if kept[m] and m != k:
+                    here, there = min(here, values[m, i, j]), min(there, values[m, i - di, j - dj])
+            change = values[k, i - di, j - dj] - values[k, i, j]
+            least = min(least, values[k, i, j] + here / (here - there) * change)
+            step = max(step, abs(change))
         if least > residual[k] + 2.0 * worst + 0.5 * step:
             kept[k] = False
             left -= 1
-            for i in range(size):
-                _least_two(values[:, i], kept, one[i], two[i], first[i])
-    return kept
+            _darken(values[k], dark, who, k, -1)
+            _alone(dark, who, disc, cuts)
+    return kept, cuts
 
 
 @njit(**_JIT)
-def _least_two(values, kept, one, two, first):
-    """The least and the second of the kept rows of values (K, G), (G,) each, and the number of the least."""
-    one[:] = np.inf
-    two[:] = np.inf
-    for k in range(values.shape[0]):
-        if kept[k]:
-            for j in range(one.shape[0]):
-                v = values[k, j]
-                two[j] = min(two[j], max(one[j], v))
-                first[j] = k if v < one[j] else first[j]
-                one[j] = min(one[j], v)
+def _darken(values, dark, who, k, sign):
+    """Count clearance k, values (G, G), in at the nodes that it darkens, or out (sign)."""
+    number = np.int32(sign * k)
+    one = np.int32(sign)
+    none = np.int32(0)
+    for i in range(values.shape[0]):
+        row, count, name = values[i], dark[i], who[i]
+        for j in range(row.shape[0]):
+            count[j] += none if row[j] > 0.0 else one
+            name[j] += none if row[j] > 0.0 else number
+
+
+@njit(**_JIT)
+def _alone(dark, who, disc, cuts):
+    """Mark in cuts (K,) the clearances that darken a node of the domain alone; see ``in_light``."""
+    for i in range(dark.shape[0]):
+        for j in range(dark.shape[1]):
+            if dark[i, j] == 1 and disc[i, j] > 0.0:
+                cuts[who[i, j]] = True
+
+
+@njit(**_JIT)
+def _leaving(lit):
+    """(E, 4) where lines of a grid leave its nodes lit (G, G): a node, and the step back to the one before it."""
+    size = lit.shape[0]
+    out, found = np.empty((2 * size * size, 4), np.int64), 0
+    for i in range(size):
+        for j in range(size):
+            for di, dj in ((0, 1), (1, 0)):
+                if i >= di and j >= dj and lit[i, j] != lit[i - di, j - dj]:
+                    out[found, 0], out[found, 1], out[found, 2], out[found, 3] = i, j, di, dj
+                    found += 1
+    return out[:found]
+
+
+@njit(**_JIT)
+def unshadowed(coef, residual, coarse, fine):
+    """(K,) which clearances, Chebyshev products coef (K, n, n), remain of ``in_light`` on two grids, one after the
+    other; coarse, fine (n', G): the Chebyshev polynomials on their axes."""
+    n, kept = terms_used(coef), np.ones(coef.shape[0], np.bool_)
+    for along in (coarse, fine):
+        rows = np.flatnonzero(kept)
+        size = along.shape[1]
+        disc = np.empty((size, size))
+        for i in range(size):
+            for j in range(size):
+                disc[i, j] = 1.0 - along[1, i] ** 2 - along[1, j] ** 2
+        left, cuts = in_light(on_grid(coef[rows], n, along), disc, residual[rows])
+        kept[rows] = left
+        if np.all(cuts[left]):
+            break
+    return kept
 
 
 @njit(**_JIT)
@@ -179,9 +341,11 @@ def beyond(values, axis, normal, height):
 def heights(x, normal):
     """(D,) how far points x (N, 2) reach along normals (D, 2)."""
     out = np.full(normal.shape[0], -np.inf)
-    for d in range(normal.shape[0]):
-        for i in range(x.shape[0]):
-            out[d] = max(out[d], x[i, 0] * normal[d, 0] + x[i, 1] * normal[d, 1])
+    by_x, by_y = np.ascontiguousarray(normal[:, 0]), np.ascontiguousarray(normal[:, 1])
+    for i in range(x.shape[0]):
+        a, b = x[i, 0], x[i, 1]
+        for d in range(out.shape[0]):
+            out[d] = max(out[d], a * by_x[d] + b * by_y[d])
     return out
 
 

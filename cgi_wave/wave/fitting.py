@@ -41,7 +41,9 @@ class Climb:
     def coefficients(self, first: int, last: int | None, n: int, terms: NDArray[np.int64] | None = None) -> Array:
         """(Q', n, n) Chebyshev coefficients of some of the values, for total degrees below n, or below terms (Q',)."""
         along = self._along[first:last]
-        solution: Array = fit.combine(self._rows, self._size, along, np.full(len(along), n) if terms is None else terms, n)
+        solution: Array = fit.combine(
+            self._rows, self._size, along, np.full(len(along), n) if terms is None else terms, n
+        )
         return solution
 
 

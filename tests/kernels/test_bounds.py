@@ -41,9 +41,12 @@ def slow_in_light(values, disc, residual):
 @pytest.mark.parametrize("seed", range(12))
 def test_what_lies_in_the_shadow_of_others_goes(seed):
     values = planes(seed, 8)
-    kept = bounds.in_light(values, DISC, np.full(8, 1e-3))
+    kept, cuts = bounds.in_light(values, DISC, np.full(8, 1e-3))
     np.testing.assert_array_equal(np.flatnonzero(kept), slow_in_light(values, DISC, np.full(8, 1e-3)))
     assert 2 <= kept.sum() < 8
+    dark = (values <= 0.0) & (DISC > 0.0)
+    alone = dark[kept] & (dark[kept].sum(axis=0) == 1)
+    np.testing.assert_array_equal(cuts[kept], alone.any(axis=(1, 2)))
 
 
 def slow_bounding(dense, limiting, same):
