@@ -64,65 +64,45 @@ def near_zero(clearance, ample):
 
 
 @njit(**_JIT)
-def _line(half, place, first, out):
-    """One line of a grid: fills out (M,) with the sums of place (n,) times half (n, G), from its column ``first``."""
-    size = out.shape[0]
-    out[:] = 0.0
-    for i in range(half.shape[0]):
-        row, factor = half[i, first : first + size], place[i]
-        for m in range(size):
-            out[m] += factor * row[m]
+def _on_grid(stacked, along):
+    """Values (G, K, G) on a grid of the sums of stacked (n, K, n) times along (n, G) in either direction, x first."""
+    n, rows, size = stacked.shape[0], stacked.shape[1], along.shape[1]
+    half = np.dot(stacked.reshape(n * rows, n), along)
+    return np.dot(np.ascontiguousarray(along.T), half.reshape(n, rows * size)).reshape(size, rows, size)
 
 
 @njit(**_JIT)
-def _across(coef, across, half):
-    """Fills half (n, G) with the sums over j of coef (n, n) times across (n', G)."""
-    n = coef.shape[0]
-    half[:, :] = 0.0
+def on_grid(coef, along):
+    """Values (G, K, G) of Chebyshev products coef (K, n, n) on a grid, x first; along (n', G), n' >= n: the Chebyshev
+    polynomials on its axes."""
+    n = terms_used(coef)
+    stacked = np.empty((n, coef.shape[0], n))
     for i in range(n):
-        for j in range(n):
-            factor = coef[i, j]
-            if factor != 0.0:
-                for m in range(half.shape[1]):
-                    half[i, m] += factor * across[j, m]
-
-
-@njit(**_JIT)
-def on_grid(coef, n, along):
-    """Values (K, G, G) on a grid of the sums of coef (K, n', n') times along[:n] in either direction; along (n'', G)."""
-    size = along.shape[1]
-    out, half, place = np.empty((coef.shape[0], size, size)), np.empty((n, size)), np.ascontiguousarray(along.T)
-    for k in range(coef.shape[0]):
-        _across(coef[k, :n, :n], along, half)
-        for i in range(size):
-            _line(half, place[i, :n], 0, out[k, i])
-    return out
+        for k in range(coef.shape[0]):
+            stacked[i, k] = coef[k, i, :n]
+    return _on_grid(stacked, along[:n])
 
 
 @njit(**_JIT)
 def bounding_polynomials(coef, order, powers, limiting, same):
-    """``bounding`` of polynomials on a grid over the unit disc, a line on its edge included.
+    """``bounding`` of polynomials on a grid over the unit disc; the one that is least there if none bounds.
 
     coef (K, T) of products of powers order (T, 2) of x and y; powers (n, G): those of an axis over [-1, 1].
     """
     n, size = powers.shape
-    step = 2.0 / (size - 1)
-    first, stop, count = np.zeros(size, np.int64), np.zeros(size, np.int64), 0
+    stacked, count, middle = np.zeros((n, coef.shape[0], n)), 0, size // 2
+    away = np.empty(size, np.int64)  # nodes of each line from the middle to the edge
     for i in range(size):
-        reach = math.sqrt(max((1.0 + 0.5 * step) ** 2 - powers[1, i] ** 2, 0.0))
-        away = min(int(reach / step), size // 2)
-        first[i], stop[i] = size // 2 - away, size // 2 + away + 1
-        count += stop[i] - first[i]
-    place, one, half = np.ascontiguousarray(powers.T), np.zeros((n, n)), np.empty((n, size))
-    dense = np.empty((coef.shape[0], count))
+        away[i] = int(middle * math.sqrt(max(1.0 - powers[1, i] ** 2, 0.0)) + 1e-9)
+        count += 2 * away[i] + 1
     for k in range(coef.shape[0]):
         for t in range(order.shape[0]):
-            one[order[t, 0], order[t, 1]] = coef[k, t]
-        _across(one, powers, half)
-        at = 0
-        for i in range(size):
-            _line(half, place[i], first[i], dense[k, at : at + stop[i] - first[i]])
-            at += stop[i] - first[i]
+            stacked[order[t, 0], k, order[t, 1]] = coef[k, t]
+    values, dense, at = _on_grid(stacked, powers), np.empty((coef.shape[0], count)), 0
+    for i in range(size):
+        for k in range(coef.shape[0]):
+            dense[k, at : at + 2 * away[i] + 1] = values[i, k, middle - away[i] : middle + away[i] + 1]
+        at += 2 * away[i] + 1
     kept = bounding(dense, limiting, same)
     if len(kept):
         return kept
@@ -131,6 +111,18 @@ def bounding_polynomials(coef, order, powers, limiting, same):
         low = _least(dense[k])
         lowest, least = (k, low) if low < least else (lowest, least)
     return np.array([lowest])
+
+
+@njit(**_JIT)
+def _below(row, others, limiting):
+    """Whether a row (C,) is below ``limiting`` where others (C,) are above minus that."""
+    for first in range(0, row.shape[0], 4 * _LANES):
+        one, rest, count = row[first : first + 4 * _LANES], others[first : first + 4 * _LANES], 0
+        for i in range(one.shape[0]):
+            count += (one[i] < limiting) & (rest[i] > -limiting)
+        if count > 0:
+            return True
+    return False
 
 
 @njit(**_JIT)
@@ -147,11 +139,8 @@ def bounding(dense, limiting, same):
     for k in np.argsort(least):
         if least[k] >= limiting:  # nor do those that follow come near zero
             break
-        cuts = False
-        for i in range(count):
-            if dense[k, i] < limiting and others[i] > -limiting:
-                cuts = True
-                break
+        row = dense[k]
+        cuts = _below(row, others, limiting)
         for j in range(found):
             if not cuts:
                 break
@@ -165,22 +154,17 @@ def bounding(dense, limiting, same):
             kept[found] = k
             found += 1
             for i in range(count):
-                others[i] = min(others[i], dense[k, i])
+                others[i] = min(others[i], row[i])
     first = 0
     for _ in range(found):
         # Again, now that all others are known.
-        k = kept[first]
-        cuts = found == 1
-        for i in range(count):
-            if dense[k, i] < limiting:
-                least_other = np.inf
-                for j in range(found):
-                    if j != first:
-                        least_other = min(least_other, dense[kept[j], i])
-                if least_other > -limiting:
-                    cuts = True
-                    break
-        if cuts:
+        others[:] = np.inf
+        for j in range(found):
+            if j != first:
+                row = dense[kept[j]]
+                for i in range(count):
+                    others[i] = min(others[i], row[i])
+        if found == 1 or _below(dense[kept[first]], others, limiting):
             first += 1
         else:
             found -= 1
@@ -191,19 +175,19 @@ def bounding(dense, limiting, same):
 
 @njit(**_JIT)
 def in_light(values, disc, residual):
-    """Which clearances, values (K, G, G) on a grid, remain when those go that are positive wherever the others are:
+    """Which clearances, values (G, K, G) on a grid, remain when those go that are positive wherever the others are:
     (K,); and which of them darken a node that all others leave lit, and so remain on every finer grid.
 
     disc (G, G): clearance of the domain; residual (K,). One goes that exceeds, at nodes where the others are positive
     and where lines of the grid leave these, the residuals and half of what it changes by from one node to the next
     there. They go one by one, the most positive first; two remain.
     """
-    rows, size = values.shape[0], values.shape[1]
+    size, rows = values.shape[0], values.shape[1]
     kept, cuts, low = np.ones(rows, np.bool_), np.zeros(rows, np.bool_), np.full(rows, np.inf)
     # How many clearances darken each node, and the sum of their numbers: that of the one where it is one.
     dark, who = np.zeros((size, size), np.int32), np.zeros((size, size), np.int32)
     for k in range(rows):
-        _darken(values[k], dark, who, k, 1)
+        _darken(values, dark, who, k, 1)
     _alone(dark, who, disc, cuts)
     # One that darkens no node alone takes none from the others: where these are positive, all are.
     lit, shown = np.empty((size, size), np.bool_), np.empty((size, size))
@@ -214,7 +198,7 @@ def in_light(values, disc, residual):
         if not cuts[k]:
             for i in range(size):
                 for j in range(size):
-                    shown[i, j] = values[k, i, j] if lit[i, j] else np.inf
+                    shown[i, j] = values[i, k, j] if lit[i, j] else np.inf
             low[k] = _least(shown.reshape(size * size))
         else:
             low[k] = -np.inf
@@ -235,26 +219,26 @@ def in_light(values, disc, residual):
             here, there = disc[i, j], disc[i - di, j - dj]
             for m in range(rows):
                 if kept[m] and m != k:
-                    here, there = min(here, values[m, i, j]), min(there, values[m, i - di, j - dj])
-            change = values[k, i - di, j - dj] - values[k, i, j]
-            least = min(least, values[k, i, j] + here / (here - there) * change)
+                    here, there = min(here, values[i, m, j]), min(there, values[i - di, m, j - dj])
+            change = values[i - di, k, j - dj] - values[i, k, j]
+            least = min(least, values[i, k, j] + here / (here - there) * change)
             step = max(step, abs(change))
         if least > residual[k] + 2.0 * worst + 0.5 * step:
             kept[k] = False
             left -= 1
-            _darken(values[k], dark, who, k, -1)
+            _darken(values, dark, who, k, -1)
             _alone(dark, who, disc, cuts)
     return kept, cuts
 
 
 @njit(**_JIT)
 def _darken(values, dark, who, k, sign):
-    """Count clearance k, values (G, G), in at the nodes that it darkens, or out (sign)."""
+    """Count clearance k of values (G, K, G) in at the nodes that it darkens, or out (sign)."""
     number = np.int32(sign * k)
     one = np.int32(sign)
     none = np.int32(0)
     for i in range(values.shape[0]):
-        row, count, name = values[i], dark[i], who[i]
+        row, count, name = values[i, k], dark[i], who[i]
         for j in range(row.shape[0]):
             count[j] += none if row[j] > 0.0 else one
             name[j] += none if row[j] > 0.0 else number
@@ -287,7 +271,7 @@ def _leaving(lit):
 def unshadowed(coef, residual, coarse, fine):
     """(K,) which clearances, Chebyshev products coef (K, n, n), remain of ``in_light`` on two grids, one after the
     other; coarse, fine (n', G): the Chebyshev polynomials on their axes."""
-    n, kept = terms_used(coef), np.ones(coef.shape[0], np.bool_)
+    kept = np.ones(coef.shape[0], np.bool_)
     for along in (coarse, fine):
         rows = np.flatnonzero(kept)
         size = along.shape[1]
@@ -295,7 +279,7 @@ def unshadowed(coef, residual, coarse, fine):
         for i in range(size):
             for j in range(size):
                 disc[i, j] = 1.0 - along[1, i] ** 2 - along[1, j] ** 2
-        left, cuts = in_light(on_grid(coef[rows], n, along), disc, residual[rows])
+        left, cuts = in_light(on_grid(coef[rows], along), disc, residual[rows])
         kept[rows] = left
         if np.all(cuts[left]):
             break
@@ -306,16 +290,17 @@ def unshadowed(coef, residual, coarse, fine):
 def beyond(values, axis, normal, height):
     """(D,) beyond which tangents, normal (D, 2) · u = height (D,), clearances may all be positive.
 
-    values (K, G, G) of these on a grid over the unit disc, axis (G,); between two nodes they may change by as much as
+    values (G, K, G) of these on a grid over the unit disc, axis (G,); between two nodes they may change by as much as
     from one to the next.
     """
     size = axis.shape[0]
     least = np.empty((size, size))
     for i in range(size):
         for j in range(size):
-            least[i, j] = values[0, i, j]
-            for k in range(1, values.shape[0]):
-                least[i, j] = min(least[i, j], values[k, i, j])
+            least[i, j] = values[i, 0, j]
+        for k in range(1, values.shape[1]):
+            for j in range(size):
+                least[i, j] = min(least[i, j], values[i, k, j])
     out = np.zeros(height.shape[0], np.bool_)
     for i in range(size):
         for j in range(size):

@@ -215,8 +215,8 @@ def _largest_of(residual, weight, chosen):
 
 @njit(**_JIT)
 def largest(residual, share, free, chosen):
-    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q', N'), at least (Q, N), and share (N,), which is
-    at least ``free``: over its chosen (Q, N) samples, and over all.
+    """(Q, 2) largest leave-one-out misfit of each value, by residual (Q', N'), at least (Q, N), and share (N,), which
+    is at least ``free``: over its chosen (Q, N) samples, and over all.
     """
     out, weight = np.empty((chosen.shape[0], 2)), np.empty(share.shape[0])
     for i in range(share.shape[0]):

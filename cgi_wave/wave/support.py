@@ -65,7 +65,7 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
     inward = np.flatnonzero(height < 1.0 - INWARD * spacing)
     if len(inward) and len(support.clearance):
         along = _grid(FENCE_GRID)
-        values = bounds.on_grid(support.clearance, bounds.terms_used(support.clearance), along)
+        values = bounds.on_grid(support.clearance, along)
         inward = inward[bounds.beyond(values, along[1], normal[inward], height[inward])]
     normal, height = normal[inward], height[inward]
     count, opened = bounds.count_open(support.clearance, rim, line, normal, height)
