@@ -12,7 +12,16 @@ import math
 import numpy as np
 from numba import njit
 
-from cgi_wave.kernels.outline import GAUSS, GW, GX, MAX_INTERVALS, cast, restrict, warp
+from cgi_wave.kernels.outline import (
+    GAUSS,
+    GW,
+    GX,
+    MAX_INTERVALS,
+    crossings,
+    intervals_of,
+    restrict_many,
+    warp,
+)
 from cgi_wave.kernels.polynomials import horner
 
 _FIRST = 1.6  # angle (rad) of a panel before any is halved
@@ -36,8 +45,11 @@ def products(clear, ellipses, residual, spans, turning, amp, gx, gw, tol):
     count_s, n, nodes = amp.shape[0], amp.shape[1], gx.shape[0]
     middle = count_s // 2
     sums, part = np.zeros((count_s, count_s)), np.empty((count_s, count_s))
-    poly, at = np.empty((count_s, n)), np.empty(count_s)
-    ck = np.empty(clear.shape[:2])
+    at, power = np.empty(count_s), np.empty((max(n, clear.shape[1]), GAUSS))
+    lines, edges = np.empty((GAUSS, count_s, n)), np.empty((GAUSS, *clear.shape[:2]))
+    cosine, sine, slopes = np.empty(GAUSS), np.empty(GAUSS), np.empty(GAUSS)
+    size = clear.shape[0] * clear.shape[1] + 1
+    places, owner = np.empty(size), np.empty(size, np.int64)
     ends, which, gap = np.empty((MAX_INTERVALS, 2)), np.empty((MAX_INTERVALS, 2), np.int64), np.empty(2)
     f = np.empty(GAUSS)
     area, edge, tail, between = 0.0, 0.0, 0.0, 0.0
@@ -54,14 +66,16 @@ def products(clear, ellipses, residual, spans, turning, amp, gx, gw, tol):
                 part[:, :] = 0.0
                 here_area, here_edge, here_between = 0.0, 0.0, 0.0
                 for g in range(GAUSS):
-                    place, slope = warp(t0 + (t1 - t0) * GX[g], turning[b])
+                    place, slopes[g] = warp(t0 + (t1 - t0) * GX[g], turning[b])
                     theta = spans[b, 0] + width * place
+                    cosine[g], sine[g] = math.cos(theta), math.sin(theta)
+                restrict_many(amp, cosine, sine, power[:n], lines)
+                restrict_many(clear, cosine, sine, power[: clear.shape[1]], edges)
+                for g in range(GAUSS):
+                    poly, ck, slope, total = lines[g], edges[g], slopes[g], 0.0
                     weight = width * slope * (t1 - t0) * GW[g]
-                    restrict(amp, theta, poly)
-                    total = 0.0
-                    count = cast(clear, ellipses, theta, ends, which, gap)
-                    if count > 0 and clear.shape[0] > 0:
-                        restrict(clear, theta, ck)
+                    found = crossings(ck, ellipses, cosine[g], sine[g], -1, places, owner)
+                    count = intervals_of(ck, places, owner, found, ends, which, gap)
                     for j in range(count):
                         lo, length = ends[j, 0], ends[j, 1] - ends[j, 0]
                         for i in range(nodes):

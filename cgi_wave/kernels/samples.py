@@ -13,9 +13,9 @@ _JIT = {"cache": True, "nogil": True}
 @njit(**_JIT)
 def not_finite(values):
     """How many of an array's values are not finite."""
-    count = 0
-    for v in values.flat:
-        count += not math.isfinite(v)
+    count, flat = 0, values.ravel()
+    for i in range(flat.shape[0]):
+        count += not math.isfinite(flat[i])
     return count
 
 

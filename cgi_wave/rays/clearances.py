@@ -7,14 +7,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.kernels.bounds import bounding
-from cgi_wave.rays.disc import disc, fitted, monomials, on_disc
+from cgi_wave.kernels.bounds import bounding_polynomials, near_zero
+from cgi_wave.rays.disc import fitted_rows, monomial_powers
 
 Array = NDArray[np.float64]
 
-#: Points at which clearances are compared, and the most by which one changes between two of them: an aperture is
-#: carried along if its clearance falls below this where all others are above minus this.
-COMPARED = 1500
+#: Points across the disc at which clearances are compared, and the most by which one changes between two of them: an
+#: aperture is carried along if its clearance falls below this where all others are above minus this.
+COMPARED = 45
 LIMITING = 0.05
 #: Room at every ray with which there is no need to look between rays.
 AMPLE = 0.15
@@ -35,17 +35,17 @@ def bounding_rows(clearance: Array, p: Array) -> NDArray[np.int64]:
     Most apertures on a long path are passed with room to spare, or lie in the shadow of another (a mirror next to an
     image of the stop). Polynomials through the samples say which, on points much denser than the rays.
     """
-    x, _, _ = on_disc(p)
-    degree = DEGREE if len(x) >= FULL else LOW_DEGREE
-    least = clearance.min(axis=1)
-    rows = np.flatnonzero(least < AMPLE)
-    if not len(rows):
-        return np.array([int(least.argmin())])
-    dense = fitted(x, clearance[rows].T, degree).T @ _compared(degree)
-    kept: NDArray[np.int64] = bounding(dense, LIMITING, SAME)
-    return rows[kept if len(kept) else [int(dense.min(axis=1).argmin())]]
+    taken, rows = near_zero(clearance, AMPLE)
+    if len(rows) == 1:
+        return rows
+    degree = DEGREE if len(p) >= FULL else LOW_DEGREE
+    coef = fitted_rows(p, taken, degree)
+    order, powers = _compared(degree)
+    kept: NDArray[np.int64] = bounding_polynomials(coef, order, powers, LIMITING, SAME)
+    return rows[kept]
 
 
 @lru_cache(maxsize=2)
-def _compared(degree: int) -> Array:
-    return np.ascontiguousarray(monomials(disc(COMPARED), degree).T)
+def _compared(degree: int) -> tuple[NDArray[np.int64], Array]:
+    axis = np.linspace(-1.0, 1.0, COMPARED)
+    return np.array(monomial_powers(degree)), np.ascontiguousarray(np.vander(axis, degree + 1, increasing=True).T)

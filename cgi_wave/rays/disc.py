@@ -7,6 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from cgi_wave.kernels.bounds import same_disc
+
 Array = NDArray[np.float64]
 
 #: Rays per beam: enough for a polynomial of degree 12 with a third to spare.
@@ -65,6 +67,14 @@ def fitted(x: Array, values: Array, degree: int) -> Array:
     q, r = np.linalg.qr(monomials(x, degree))
     coefficient: Array = np.linalg.solve(r, q.T @ values)
     return coefficient
+
+
+def fitted_rows(p: Array, values: Array, degree: int) -> Array:
+    """``fitted`` for points p (N, 2) anywhere and values (Q, N): coefficients (Q, T)."""
+    if len(p) in WHOLE and same_disc(p, disc(len(p))):
+        found: Array = values @ _projector(len(p), degree).T
+        return found
+    return np.ascontiguousarray(fitted(on_disc(p)[0], values.T, degree).T)
 
 
 def _whole(x: Array) -> bool:

@@ -33,14 +33,17 @@ class Climb:
         limit: float = np.inf,
     ) -> None:
         """Arguments as those of ``kernels.fit.climb``; x (N, 2) in the unit disc."""
-        self._c, self._along, self.worst = fit.climb(
+        self._size = fit.padded(len(x))
+        self._rows, self._along, self.worst = fit.climb(
             x, values, chosen, clearance, edge, terms, len(clearance), weight, target, limit, _DOUBT, _FREE
         )
 
     def coefficients(self, first: int, last: int | None, n: int, terms: NDArray[np.int64] | None = None) -> Array:
         """(Q', n, n) Chebyshev coefficients of some of the values, for total degrees below n, or below terms (Q',)."""
         along = self._along[first:last]
-        solution: Array = fit.combine(self._c, along, np.full(len(along), n) if terms is None else terms, n)
+        solution: Array = fit.combine(
+            self._rows, self._size, along, np.full(len(along), n) if terms is None else terms, n
+        )
         return solution
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cgi_wave.errors import MethodLimitError
-from cgi_wave.kernels.bounds import beyond, count_open, heights, in_light, terms_used
+from cgi_wave.kernels import bounds
 from cgi_wave.wave.basis import Array
 from cgi_wave.wave.fitting import polynomials
 from cgi_wave.wave.region import Support
@@ -32,7 +32,7 @@ def cutting(extent: Array, worst: Array, coef: Array, x: Array, spacing: float) 
     cut: NDArray[np.bool_] = least < spacing * extent[:, 1] + worst
     doubtful = np.flatnonzero(~cut)
     if len(doubtful):
-        n = terms_used(coef)
+        n = bounds.terms_used(coef)
         slopes = polynomials(coef[doubtful, :n, :n], x)[:, 1:]
         steepest = np.hypot(slopes[:, 0], slopes[:, 1]).max(axis=1)
         cut[doubtful] = least[doubtful] < 2.0 * spacing * steepest + worst[doubtful]
@@ -46,13 +46,10 @@ def unshadowed(support: Support) -> Support:
     exceed, at its nodes and where lines of the grid leave it, the residuals and half of what it changes by from one
     node to the next there. They go one by one, the most positive first.
     """
-    for count in SHADOW_GRIDS if len(support.clearance) > MANY else ():
-        axis, _, _ = _grid(count)
-        # The domain's own edge bounds what the polynomials are asked for.
-        disc = 1.0 - axis[:, None] ** 2 - axis[None, :] ** 2
-        kept = in_light(_on_grid(support.clearance, count), disc, support.residual)
-        support = Support(support.centre, support.scale, support.clearance[kept], support.residual[kept])
-    return support
+    if len(support.clearance) <= MANY:
+        return support
+    kept = bounds.unshadowed(support.clearance, support.residual, *map(_grid, SHADOW_GRIDS))
+    return Support(support.centre, support.scale, support.clearance[kept], support.residual[kept])
 
 
 def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
@@ -63,14 +60,15 @@ def fenced(support: Support, x: Array, spacing: float, label: str) -> Support:
     which, on a grid, the clearances come near zero. Raises MethodLimitError where they are positive at such an edge, or
     at the edge of the domain: the boundary is then not known.
     """
-    normal, rim, along = _tangents()
-    height = heights(x, normal) + MARGIN * spacing
+    normal, rim, line = _tangents()
+    height = bounds.heights(x, normal) + MARGIN * spacing
     inward = np.flatnonzero(height < 1.0 - INWARD * spacing)
     if len(inward) and len(support.clearance):
-        axis, _, _ = _grid(FENCE_GRID)
-        inward = inward[beyond(_on_grid(support.clearance, FENCE_GRID), axis, normal[inward], height[inward])]
+        along = _grid(FENCE_GRID)
+        values = bounds.on_grid(support.clearance, along)
+        inward = inward[bounds.beyond(values, along[1], normal[inward], height[inward])]
     normal, height = normal[inward], height[inward]
-    count, opened = count_open(support.clearance, rim, along, normal, height)
+    count, opened = bounds.count_open(support.clearance, rim, line, normal, height)
     if opened:
         raise MethodLimitError(
             METHOD,
@@ -93,16 +91,7 @@ def _tangents() -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=4)
-def _grid(count: int) -> tuple[Array, Array, Array]:
-    """An axis of ``count`` points over the domain, and the Chebyshev polynomials there (count, 32), and transposed."""
+def _grid(count: int) -> Array:
+    """The Chebyshev polynomials (32, count) at an axis of ``count`` points over the domain; the second is the axis."""
     axis = np.linspace(-1.0, 1.0, count)
-    t = np.asarray(np.polynomial.chebyshev.chebvander(axis, 31), dtype=np.float64)
-    return axis, t, np.ascontiguousarray(t.T)
-
-
-def _on_grid(coef: Array, count: int) -> Array:
-    """Values (K, count, count) of Chebyshev products (K, n, n), n <= 32, on a grid over the domain."""
-    n = terms_used(coef)
-    _, t, across = _grid(count)
-    values: Array = t[:, :n] @ coef[:, :n, :n] @ across[:n]
-    return values
+    return np.ascontiguousarray(np.polynomial.chebyshev.chebvander(axis, 31).T)

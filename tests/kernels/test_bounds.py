@@ -18,6 +18,11 @@ def planes(seed, count):
     return np.array([a - np.cos(t) * X - np.sin(t) * Y for t, a in zip(angle, away, strict=True)])
 
 
+def grid(values):
+    """Values (K, G, G) as the kernels take them."""
+    return np.ascontiguousarray(np.moveaxis(values, 0, 1))
+
+
 def slow_in_light(values, disc, residual):
     kept = list(range(len(values)))
     lit = (values > 0.0).all(axis=0) & (disc > 0.0)
@@ -41,9 +46,12 @@ def slow_in_light(values, disc, residual):
 @pytest.mark.parametrize("seed", range(12))
 def test_what_lies_in_the_shadow_of_others_goes(seed):
     values = planes(seed, 8)
-    kept = bounds.in_light(values, DISC, np.full(8, 1e-3))
+    kept, cuts = bounds.in_light(grid(values), DISC, np.full(8, 1e-3))
     np.testing.assert_array_equal(np.flatnonzero(kept), slow_in_light(values, DISC, np.full(8, 1e-3)))
     assert 2 <= kept.sum() < 8
+    dark = (values <= 0.0) & (DISC > 0.0)
+    alone = dark[kept] & (dark[kept].sum(axis=0) == 1)
+    np.testing.assert_array_equal(cuts[kept], alone.any(axis=(1, 2)))
 
 
 def slow_bounding(dense, limiting, same):
@@ -74,7 +82,7 @@ def test_tangents_that_matter_are_those_with_light_beyond():
     normal, height = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]), np.array([0.5, 0.5, 0.5])
     values = np.array([0.2 - X, 0.9 - Y])
     # Light reaches x = 0.2, y = 0.9 and the disc's edge at x = -1.
-    np.testing.assert_array_equal(bounds.beyond(values, AXIS, normal, height), [False, True, True])
+    np.testing.assert_array_equal(bounds.beyond(grid(values), AXIS, normal, height), [False, True, True])
 
 
 def test_open_points_of_an_edge():
