@@ -39,7 +39,8 @@ class PupilField:
 
     sigma : (S,) 1/m; between (and slightly beyond) them every quantity is the Lagrange polynomial in sigma
     opl : (S, n, n) m; amplitude : (S, n, n); direction : (2, n, n) detector direction cosines at the middle sigma
-    power_gram : (S, S) integrals of A_s A_r d²u, so that power(sigma) = L G Lᵀ with the Lagrange weights L
+    power_gram : (S, S) integrals of A_s A_r d²u, so that power(sigma) = L G Lᵀ with the Lagrange weights L; empty for
+    a product of two beams, which has no power
     power_error : relative error bound of the power
     bend : of the chart, 1/m; see ``PupilSamples``
     opl_residual : m; amplitude_residual : unit of the amplitude. Largest leave-one-out misfit on the support
@@ -86,7 +87,12 @@ class PupilField:
 
 
 def power(field: PupilField) -> tuple[Array, float]:
-    """Power, ∫A² d²u, at the field's own wavenumbers (S,), and its relative error bound."""
+    """Power, ∫A² d²u, at the field's own wavenumbers (S,), and its relative error bound.
+
+    Raises InputError for a field that was fitted without.
+    """
+    if not field.power_gram.size:
+        raise InputError(field.label, "power_gram", "nothing", "was not asked for", "fit the field with powered=True")
     return np.diag(field.power_gram).copy(), field.power_error
 
 
@@ -220,13 +226,14 @@ def fit_field(
     target: float = TARGET,
     degrees: Sequence[int] = DEGREES,
     limit: float = np.inf,
+    powered: bool = True,
 ) -> PupilField:
     """Fit one beam's samples: path length (per sigma), amplitude, clearances, directions.
 
     The fit covers the ellipse that bounds the lit samples (all clearances > 0) with a margin; unlit samples inside it
     and next to a lit one take part. ``degree`` None takes the first of ``degrees`` whose leave-one-out misfit (rad of
     phase, relative amplitude and clearance together) is below ``target``, or the best.
-    Clearances that cannot reach zero on the support are dropped.
+    Clearances that cannot reach zero on the support are dropped. powered: whether the power is wanted.
 
     Raises InputError (a value that is not finite, a wrong shape), EmptyBeamError (no lit sample), MethodLimitError
     (too few samples; a support that reaches the edge of what was sampled; phases missed by more than ``limit``, rad,
@@ -263,8 +270,10 @@ def fit_field(
     opl, amplitude = fits.paths(n)
     opl[:, 0, 0] += fits.mean
     off = float(fits.amplitude[best])
-    region = _region(support, samples.u[middle][lit[middle]], spacing)
-    gram, error = _power(region, support, amplitude, off, samples.label, POWER_SHARE * target)
+    gram, error = np.empty((0, 0)), np.inf
+    if powered:
+        region = _region(support, samples.u[middle][lit[middle]], spacing)
+        gram, error = _power(region, support, amplitude, off, samples.label, POWER_SHARE * target)
     return PupilField(
         samples.label,
         samples.space,

@@ -393,7 +393,7 @@ def _fitted(
     )
     samples = product_samples(label, rays.p, met, same, rays.power, rays.q, edges, rays.phase(first, near.bend), near)
     try:
-        field = fit_field(samples, target=ENOUGH * tol, degrees=degrees, limit=limit)
+        field = fit_field(samples, target=ENOUGH * tol, degrees=degrees, limit=limit, powered=False)
     except MethodLimitError as limit:
         return None, np.inf, str(limit)
     misfit = 2.0 * np.pi * float(field.sigma[0]) * field.opl_residual
