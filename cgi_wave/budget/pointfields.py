@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -14,12 +14,12 @@ from cgi_wave.errors import CgiWaveError, EmptyBeamError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.beams import Rays, rays_from_direction
 from cgi_wave.rays.charts import rays_from_points
-from cgi_wave.rays.clearances import AMPLE, bounding_rows
+from cgi_wave.rays.clearances import bounding_rows, limiting
 from cgi_wave.rays.disc import NODES
 from cgi_wave.rays.paths import Path
 from cgi_wave.wave.field import DEGREES, FINE_DEGREES, PupilField, fit_field, power
 from cgi_wave.wave.fold import check_map
-from cgi_wave.wave.pupilfields import REUSED, amplitude_over_pupil, own_field
+from cgi_wave.wave.pupilfields import PowerRays, own_field
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,8 @@ FEWEST_FOR_MAP = 60
 CONTRAST_TOLERANCE, SHARE = 1e-6, 0.3
 #: Rays of a ghost's field that is good to that.
 FINE_RAYS = 400
+#: Spacings of N rays, 1/√N of what they fill, by which light may go on between or beyond them.
+BETWEEN = 2.0
 #: Rays and misfit of the nominal field, which stands in every pair.
 NOMINAL_RAYS, NOMINAL_TARGET = 1600, 1e-8
 
@@ -130,26 +132,24 @@ def fine_field(
     Raises EmptyBeamError (no ray lands on the detector), FoldedFieldError, MethodLimitError.
     """
     lit = (rays.clearance[:, 0] > 0).all(axis=0)
-    caught = lit & (rays.catch[:, 0] > 0).all(axis=0)
+    caught: NDArray[np.bool_] = lit & np.all(rays.catch[:, 0] > 0, axis=0)
     if not caught.any():
         raise EmptyBeamError(f"{path.label}: no ray that passes all apertures lands on the detector")
+    p = rays.pupil[0]
+    rays = replace(rays, clearance=limiting(rays.clearance, p))
     share = float(caught.sum() / lit.sum())
     field = field_of(system, path, rays, x0, SHARE * tolerance * np.sqrt(share))
-    if rays.catch[:, 0, lit].min(initial=AMPLE) >= AMPLE:
+    edge = rays.catch[:, 0, lit]
+    # Between rays, and between these and the edge of the light, a clearance goes on by what it changes from ray to ray.
+    if not len(edge) or (edge.min(axis=1) > BETWEEN / np.sqrt(lit.sum()) * np.ptp(edge, axis=1)).all():
         return GhostField(field, 1.0, 0.0)
-    p, clearance = rays.pupil[0], np.concatenate([rays.clearance[:, 0], rays.catch[:, 0]])
+    clearance = np.concatenate([rays.clearance[:, 0], rays.catch[:, 0]])
     rows = bounding_rows(clearance, p)
     if rows.max() < len(rays.clearance):
         return GhostField(field, 1.0, 0.0)
-    own = None
-    if caught.mean() >= REUSED:
-        try:
-            own = amplitude_over_pupil(path.label, p, rays.coating[0], clearance[rows], rays.direction[0], tolerance)
-        except MethodLimitError:
-            own = None
-    if own is None:
-        trace = partial(rays_from_points, system, path, theta, x0, system.sigma0)
-        own = own_field(trace, trace(p), path.label, tolerance)
+    trace = partial(rays_from_points, system, path, theta, x0, system.sigma0)
+    known = PowerRays(p, rays.coating[0], clearance[rows], rays.direction[0])
+    own = own_field(trace, known, caught, path.label, tolerance)
     (whole, off), (mine, mine_off) = power(field), power(own)
     return GhostField(field, float(mine[0] / whole[0]), off + mine_off)
 

@@ -26,6 +26,8 @@ from cgi_wave.wave.samples import PupilSamples
 
 #: Rays over the whole pupil, by which the chart is chosen, where these do not show its edge, and over a part of it.
 SURVEY, MORE = 1000, 2000
+#: Rays over the part of the pupil that lights the detector, where those over the whole are too few.
+FEW = 400
 #: Bends that are tried, in units of the other beam's cone over the ghost's extent on the detector.
 BENDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Charts of which the first that serves is kept, and the others are compared with it.
@@ -147,9 +149,10 @@ def fields_over_pupil(
     """
     # Here every ray counts, since the worst of them says which charts serve.
     survey = _Survey(_settle(trace, np.zeros(2), radius * OVER, SURVEY, _passes, 1.0))
-    own = own_field(trace, survey.rays, label, tol)
+    caught = _caught(survey.rays)
+    own = own_field(trace, _power_rays(survey.rays), caught, label, tol)
     ghost = _Ghost(label, trace, survey, float(power(own)[0][0]))
-    light = ghost.power * float(survey.rays.power[survey.passes].sum() / survey.rays.power[_caught(survey.rays)].sum())
+    light = ghost.power * float(survey.rays.power[survey.passes].sum() / survey.rays.power[caught].sum())
     if bend is not None:
         return PupilFields(own, light, (_product_in(ghost, other(bend), sigma, tol),), "")
     charts, note = choose_charts(survey, other, sigma, label)
@@ -167,35 +170,42 @@ def fields_over_pupil(
     return PupilFields(own, light, tuple(products), note)
 
 
-def own_field(trace: Trace, rays: RaysOverPupil, label: str, tol: float) -> PupilField:
-    """The amplitude over the pupil of what lands on the detector; rays: over the whole pupil, to begin with.
+@dataclass(frozen=True)
+class PowerRays:
+    """What a power is fitted to: pupil points p (N, 2) m, power (N,), the clearances (K, N) that bound it, the
+    detector's edge among them, directions q (N, 2)."""
 
+    p: Array
+    power: Array
+    clearance: Array
+    q: Array
+
+
+def own_field(trace: Trace, known: PowerRays, caught: NDArray[np.bool_], label: str, tol: float) -> PupilField:
+    """The field √power over the pupil of what lands on the detector, without a phase: for its power.
+
+    known: rays over the whole pupil, and which of them are ``caught`` (N,); others are traced where these are few.
     Raises EmptyBeamError, MethodLimitError.
     """
-    caught = _caught(rays)
     if not caught.any():
         raise EmptyBeamError(f"{label}: no ray that passes all apertures lands on the detector")
-    if caught.mean() < REUSED:
-        rays = _settle(trace, *_around(rays, caught), SURVEY, _caught)
+    around = bounding_disc(known.p[caught], _reach(known.p), len(known.p))
     try:
-        return _amplitude(rays, label, tol)
+        enough = caught.mean() >= REUSED
+        return _own(known if enough else _power_rays(_settle(trace, *around, FEW, _caught)), label, tol)
     except MethodLimitError:  # a sliver, whose edge lies between too few rays
-        return _amplitude(_settle(trace, *_around(rays, _caught(rays)), MORE, _caught), label, tol)
+        return _own(_power_rays(_settle(trace, *around, MORE, _caught)), label, tol)
 
 
-def _amplitude(rays: RaysOverPupil, label: str, tol: float) -> PupilField:
+def _power_rays(rays: RaysOverPupil) -> PowerRays:
     clearance = limiting(np.concatenate([rays.clearance, rays.catch])[:, None], rays.p)[:, 0]
-    return amplitude_over_pupil(label, rays.p, rays.power, clearance, rays.q, tol)
+    return PowerRays(rays.p, rays.power, clearance, rays.q)
 
 
-def amplitude_over_pupil(label: str, p: Array, power: Array, clearance: Array, q: Array, tol: float) -> PupilField:
-    """The field √power over pupil points p (N, 2), m, of clearances (K, N), without a phase: for its power.
-
-    q (N, 2): directions. Raises EmptyBeamError, MethodLimitError.
-    """
-    flat = np.zeros((1, len(p)))
-    samples = PupilSamples(label, "pupil", p[None], np.array([1.0]), flat, np.sqrt(power)[None], clearance[:, None],
-                           q[None], 0.0, (0.0, 0.0))  # fmt: skip
+def _own(rays: PowerRays, label: str, tol: float) -> PupilField:
+    flat = np.zeros((1, len(rays.p)))
+    samples = PupilSamples(label, "pupil", rays.p[None], np.array([1.0]), flat, np.sqrt(rays.power)[None],
+                           rays.clearance[:, None], rays.q[None], 0.0, (0.0, 0.0))  # fmt: skip
     return fit_field(samples, target=tol, degrees=POWER_DEGREES)
 
 
