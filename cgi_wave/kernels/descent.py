@@ -63,10 +63,13 @@ def _direct(lo, hi, fl, al, bl, wl, zero, ws):
         for i in range(GAUSS):
             phi[i] = phi[i] * x[i] + p
     for k in range(al.shape[0] - 1, -1, -1):
-        p, q = al[k], bl[k]
+        p = al[k]
         for i in range(GAUSS):
             a[i] = a[i] * x[i] + p
-            b[i] = b[i] * x[i] + q
+    for k in range(bl.shape[0] - 1, -1, -1):
+        p = bl[k]
+        for i in range(GAUSS):
+            b[i] = b[i] * x[i] + p
     re, im = 0.0, 0.0
     for i in range(GAUSS):
         turn = phi[i] - zero

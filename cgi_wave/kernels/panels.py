@@ -196,18 +196,18 @@ def amplitudes(a, b, w, mode, c, s, al, bl, wl):
 
 @njit(**JIT)
 def _amplitudes(a, b, w, mode, power, place, als, bls, wls):
-    """``amplitudes`` at all nodes of a piece: als, bls (16, m + 1), wls (16, m)."""
-    m = a.shape[0]
+    """``amplitudes`` at all nodes of a piece: als, bls (16, one more than their terms), wls (16, terms)."""
+    m, other = a.shape[0], b.shape[0]
     if mode == RADIAL_MODE:
-        als[:, 0], bls[:, m] = 0.0, 0.0
+        als[:, 0], bls[:, other] = 0.0, 0.0
         on_rays(a, power, place[1], als[:, 1:])
-        on_rays(b, power, place[1], bls[:, :m])
+        on_rays(b, power, place[1], bls[:, :other])
         if w.shape[0] > 0:
             on_rays(w, power, place[1], wls)
     else:
-        als[:, m], bls[:, m] = 0.0, 0.0
+        als[:, m], bls[:, other] = 0.0, 0.0
         on_lines(a, place[1], als[:, :m])
-        on_lines(b, place[1], bls[:, :m])
+        on_lines(b, place[1], bls[:, :other])
         if w.shape[0] > 0:
             on_lines(w, place[1], wls)
 
@@ -405,8 +405,8 @@ def add_panel(px, py, f, a, b, w, mode, bend_sign, stretch, tol, sums, spans, sp
     mode, or a smaller box, has to be tried) or CROWDED.
     """
     n, m = f.shape[0], a.shape[0]
-    als, bls, wls = np.empty((GAUSS, m + 1)), np.empty((GAUSS, m + 1)), np.empty((GAUSS, w.shape[0]))
-    most, line, tangents = max(n, m, w.shape[0]), np.empty(n), np.empty((max(n, MOST + 2), GAUSS))
+    als, bls, wls = np.empty((GAUSS, m + 1)), np.empty((GAUSS, b.shape[0] + 1)), np.empty((GAUSS, w.shape[0]))
+    most, line, tangents = max(n, m, b.shape[0], w.shape[0]), np.empty(n), np.empty((max(n, MOST + 2), GAUSS))
     work = np.empty((6, MOST + 2, GAUSS))
     cosines = np.empty((most, GAUSS))
     ends, level = np.empty((DEPTH + 4, 2)), np.empty(DEPTH + 4, np.int64)

@@ -5,6 +5,8 @@ coef[i, j] x^i y^j with i + j < n. Part of the call tree of ``kernels.stokes``.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -188,22 +190,52 @@ def taylors(lines, x, out):
 
 @njit(**JIT)
 def affine(coef, cx, cy, xu, xv, yu, yv):
-    """Powers (n, n) in (u, v) of the polynomial coef at x = cx + xu u + xv v, y = cy + yu u + yv v; exact."""
-    n = coef.shape[0]
+    """Powers (n, n) in (u, v) of the polynomial coef at x = cx + xu u + xv v, y = cy + yu u + yv v; exact.
+
+    First moved and scaled, then turned: what turns mixes powers of one total degree only.
+    """
+    n, top = coef.shape[0], 0
+    for i in range(coef.shape[0]):
+        for j in range(coef.shape[0] - i):
+            if coef[i, j] != 0.0:
+                top = max(top, i + j + 1)
+    out = np.zeros((n, n))
+    if top == 0:
+        return out
     if xv == 0.0 and yu == 0.0:
-        return _moved(coef, cx, xu, cy, yv)
-    out, inner = np.zeros((n, n)), np.zeros((n, n))
-    for i in range(n - 1, -1, -1):
-        # out = out * x + sum_j coef[i, j] y^j, both by Horner on polynomials of growing degree
-        _times(out, cx, xu, xv, n - 2 - i)
-        inner[:, :] = 0.0
-        for j in range(n - 1 - i, -1, -1):
-            _times(inner, cy, yu, yv, n - 2 - i - j)
-            inner[0, 0] += coef[i, j]
-        for p in range(n - i):
-            for q in range(n - i - p):
-                out[p, q] += inner[p, q]
+        out[:top, :top] = _moved(coef[:top, :top], cx, xu, cy, yv)
+        return out
+    scale = math.sqrt(abs(xu * yv - xv * yu))
+    moved = coef[:top, :top]
+    if cx != 0.0 or cy != 0.0 or scale != 1.0:
+        moved = _moved(moved, cx, scale, cy, scale)
+    _turned(moved, xu / scale, xv / scale, yu / scale, yv / scale, out)
     return out
+
+
+@njit(**JIT)
+def _turned(coef, xu, xv, yu, yv, out):
+    """Powers in (u, v) of the polynomial coef (n, n) at x = xu u + xv v, y = yu u + yv v, into out (n or more, same).
+
+    Degree by degree: Σ c[i] x^i y^(d - i) by Horner's rule in x, with the powers of y beside it.
+    """
+    n = coef.shape[0]
+    total, power = np.empty(n), np.empty(n)
+    for d in range(n):
+        # total[k], power[k]: of u^k v^(degree - k)
+        total[0], power[0] = coef[d, 0], 1.0
+        for i in range(d - 1, -1, -1):
+            size = d - i  # the degree after this step
+            total[size], power[size] = xu * total[size - 1], yu * power[size - 1]
+            for k in range(size - 1, 0, -1):
+                total[k] = xv * total[k] + xu * total[k - 1]
+                power[k] = yv * power[k] + yu * power[k - 1]
+            total[0], power[0] = xv * total[0], yv * power[0]
+            c = coef[i, size]
+            for k in range(size + 1):
+                total[k] += c * power[k]
+        for k in range(d + 1):
+            out[k, d - k] = total[k]
 
 
 @njit(**JIT)
@@ -224,19 +256,6 @@ def _moved(coef, cx, xu, cy, yv):
         for i in range(n - j):
             out[0, i] = cy * out[0, i] + half[i, j]
     return out.T.copy()
-
-
-@njit(**JIT)
-def _times(poly, c, u, v, degree):
-    """poly (of at most this total degree) times c + u·(first variable) + v·(second), in place."""
-    for p in range(degree + 1, -1, -1):
-        for q in range(degree + 1 - p, -1, -1):
-            value = c * poly[p, q]
-            if p > 0:
-                value += u * poly[p - 1, q]
-            if q > 0:
-                value += v * poly[p, q - 1]
-            poly[p, q] = value
 
 
 @njit(**JIT)

@@ -90,7 +90,7 @@ def _all_round(f, a, b, w, by_series, tol, full, ws):
     of a ray and its opposite.
     """
     n, m = f.shape[0], a.shape[0]
-    fl, al, bl, wl = np.empty(n), np.empty(m + 1), np.empty(m + 1), np.empty(w.shape[0])
+    fl, al, bl, wl = np.empty(n), np.empty(m + 1), np.empty(b.shape[0] + 1), np.empty(w.shape[0])
     out, before, error, missed = np.zeros(4), np.zeros(4), 1e300, 0.0
     period, rays = (math.pi, 2) if by_series else (2.0 * math.pi, 4)
     for doubling in range(7):
@@ -430,7 +430,7 @@ def integrate(panels, f, a, b, w, tol, most_boxes):
     """Integral over the region of a b exp(i 2π f), and of w a b exp(i 2π f).
 
     panels (K, 2, D): closed oriented boundary, the region to its left, powers of s in [-1, 1]. f (n, n) in cycles;
-    a, b (m, m); w (k, k), k = 0 for none. tol: absolute error asked of each boundary panel.
+    a (m, m), b (k, k); w (q, q), q = 0 for none. tol: absolute error asked of each boundary panel.
 
     Returns (result (8,): Re, Im, Re and Im with w, error, ∫|amplitude| along the boundary, largest phase in cycles,
     nodes; boxes; ok).

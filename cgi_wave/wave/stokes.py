@@ -13,6 +13,7 @@ import numpy as np
 
 from cgi_wave.errors import MethodLimitError
 from cgi_wave.kernels import stokes
+from cgi_wave.kernels.bounds import terms_used
 from cgi_wave.kernels.circles import circle_region
 from cgi_wave.kernels.descent import GAUSS
 from cgi_wave.kernels.polynomials import affine
@@ -54,6 +55,7 @@ def boundary_integral(curves: Array, phase: Array, a: Array, b: Array, weight: A
     ``tol`` when rounding asks for more.
     Raises MethodLimitError when the region would have to be cut into more than BOXES pieces.
     """
+    a, b = (x[:n, :n] for x, n in ((a, terms_used(a[None])), (b, terms_used(b[None]))))
     arrays = [np.ascontiguousarray(x) for x in (curves, phase, a, b, weight)]
     return _refined(lambda share: stokes.integrate(*arrays, share, BOXES), tol)
 
