@@ -1,7 +1,9 @@
 """Every γ of every ghost with the nominal beam, all field points and bands: bounds, refusals, and what it takes.
 
     uv run python -m validation.ghost_contrasts [--json] [--bands NIR VIS] [--fields N] [--every N] [--processes N]
-                                                [--tolerance T] [--charts BAND]
+                                                [--tolerance T]
+    uv run python -m validation.ghost_contrasts --charts BAND [--bends B …] [--every N]
+    uv run python -m validation.ghost_contrasts --edge BAND [--every N]
 
 Kernels compiled beforehand, as many processes as asked for, each with its share of ghosts. Seconds are told apart:
 tracing the ghosts' rays; fitting their fields over direction cosines; making other fields where these do not do, by
@@ -34,18 +36,28 @@ from cgi_wave.budget.contrast import (
     Contrast,
     better,
     contrast_of,
+    direction_contrast,
     over_directions,
     over_either,
     pupil_fields,
 )
-from cgi_wave.budget.pointfields import CONTRAST_TOLERANCE, FINE_RAYS, GhostField, fine_field, fine_rays, nominal_fields
+from cgi_wave.budget.pointfields import (
+    CONTRAST_TOLERANCE,
+    FINE_RAYS,
+    GhostField,
+    field_of,
+    fine_field,
+    fine_rays,
+    nominal_fields,
+)
 from cgi_wave.budget.select import select_ghosts
 from cgi_wave.budget.setting import band_setting
 from cgi_wave.errors import CgiWaveError, EmptyBeamError
 from cgi_wave.optics.system import OpticalSystem, load_instrument
-from cgi_wave.rays.beams import nominal_direction
+from cgi_wave.rays.beams import nominal_direction, rays_from_direction
 from cgi_wave.rays.charts import rays_from_points
 from cgi_wave.rays.paths import Path, find_paths
+from cgi_wave.rays.trace import compile_sequence, jacobian
 from cgi_wave.report.output import to_json
 from cgi_wave.wave.field import PupilField
 from cgi_wave.wave.overpupil import contrast_over_pupil
@@ -240,32 +252,77 @@ def _refuse(limit: CgiWaveError) -> Any:
     raise limit
 
 
-def other_charts(name: str, every: int, bends: Sequence[float] = (-5.0, 5.0)) -> dict[str, Any]:
-    """By how much γ in bent charts, 1/m, differs from that over directions, as a share of |γ|, at the zone's centre.
-
-    Over the pupil in each; what differs is light diffracted at edges between aperture and detector.
-    """
+def _centre(name: str) -> tuple[Place, Sequence[Path]]:
+    """The zone's centre of a band, and its paths, the nominal ones first."""
     system = load_instrument().band(name)
     paths = select_ghosts(band_setting(system), find_paths(system))
     x0 = system.field_points()[0]
     theta = nominal_direction(system, paths[0], x0)
-    nominal = nominal_fields(system, paths[0], theta, x0)
-    shares = []
+    return Place(system, theta, x0, nominal_fields(system, paths[0], theta, x0)), paths
+
+
+def _quantiles(shares: Sequence[float]) -> dict[str, float]:
+    low, middle, high = (float(value) for value in np.quantile(shares, (0.1, 0.5, 0.9)))
+    above = float(np.mean(np.array(shares) > 0.01))
+    found = {"count": len(shares), "10%": low, "median": middle, "90%": high, "largest": max(shares)}
+    return {**found, "share_above_0.01": above}
+
+
+def other_charts(name: str, every: int, bends: Sequence[float] = (-5.0, 5.0)) -> dict[str, Any]:
+    """By how much γ in bent charts, 1/m, differs from that over directions, as a share of |γ|, at the zone's centre.
+
+    Over the pupil in each; what differs is light diffracted at edges between aperture and detector. pupil_image: bends,
+    1/m, of the chart that is an image of the pupil for the nominal beam, along its axes, at all field points.
+    """
+    place, paths = _centre(name)
+    system, shares = place.system, []
     with threadpool_limits(1):
         for path in paths[2::every]:
-            trace = partial(rays_from_points, system, path, theta, x0, system.sigma0)
+            trace = partial(rays_from_points, system, path, place.theta, place.x0, system.sigma0)
             try:
                 values = [
                     contrast_over_pupil(
-                        trace, system.pupil_radius, nominal, system.sigma0, path.label, 1e-6, bend
+                        trace, system.pupil_radius, place.nominal, system.sigma0, path.label, 1e-6, bend
                     ).value
                     for bend in (0.0, *bends)
                 ]
             except CgiWaveError:
                 continue
             shares += [abs(value / values[0] - 1.0) for value in values[1:] if values[0]]
-    low, middle, high = (float(value) for value in np.quantile(shares, (0.1, 0.5, 0.9)))
-    return {"band": name, "bends": list(bends), "count": len(shares), "10%": low, "median": middle, "90%": high}
+    images = np.array([_pupil_image(system, paths[0], x0) for x0 in system.field_points()])
+    image = [float(images.min()), float(images.max())]
+    return {"band": name, "bends": list(bends), **_quantiles(shares), "pupil_image": image}
+
+
+def _pupil_image(system: OpticalSystem, path: Path, x0: Array) -> Array:
+    """Bends (2,), 1/m, of the chart in which rays from the pupil's centre meet: u = q − b (x − x0) with ∂u/∂θ = 0."""
+    sequence, theta = compile_sequence(system, path, system.sigma0), nominal_direction(system, path, x0)
+    x_by_theta, q_by_theta = jacobian(sequence, np.zeros((1, 2)), theta)
+    bend = q_by_theta[0] @ np.linalg.inv(x_by_theta[0])
+    bends: Array = np.linalg.eigvalsh(0.5 * (bend + bend.T))
+    return bends
+
+
+def cut_at_the_edge(name: str, every: int) -> dict[str, Any]:
+    """By how much γ of rays that end at the detector's edge differs from that in its plane, as a share of |γ|.
+
+    At the zone's last field point, in its corner, for ghosts with a field over directions either way.
+    """
+    place, paths = _centre(name)
+    system, x0 = place.system, place.system.field_points()[-1]
+    theta = nominal_direction(system, paths[0], x0)
+    near, shares = nominal_fields(system, paths[0], theta, x0)(0.0), []
+    with threadpool_limits(1):
+        for path in paths[2::every]:
+            try:
+                whole = fine_field(system, path, theta, x0, fine_rays(system, path, theta, x0))
+                rays = rays_from_direction(system, path, theta, x0, np.array([system.sigma0]), FINE_RAYS)
+                cut = GhostField(field_of(system, path, rays, x0, CONTRAST_TOLERANCE), 1.0, 0.0)
+                plane, ended = (direction_contrast(field, near, CONTRAST_TOLERANCE).value for field in (whole, cut))
+            except CgiWaveError:
+                continue
+            shares.append(abs(ended / plane - 1.0))
+    return {"band": name, "x0_mm": [float(value) * 1e3 for value in x0], **_quantiles(shares)}
 
 
 def text(result: dict[str, Any]) -> str:
@@ -302,7 +359,9 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--every", type=int, default=1, help="one ghost in so many")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--tolerance", type=float, default=CONTRAST_TOLERANCE)
-    parser.add_argument("--charts", metavar="BAND", help="instead: what γ of one band is in charts bent by 5 1/m")
+    parser.add_argument("--charts", metavar="BAND", help="instead: by how much γ of one band differs in bent charts")
+    parser.add_argument("--bends", nargs="+", type=float, default=[-5.0, 5.0], help="of these, 1/m")
+    parser.add_argument("--edge", metavar="BAND", help="instead: by how much for rays cut at the detector's edge")
     parser.add_argument("--json", action="store_true", help="one JSON document on standard output")
     given = parser.parse_args(words)
 
@@ -310,7 +369,10 @@ def main(words: Sequence[str] | None = None) -> None:
         print(line, file=sys.stderr, flush=True)
 
     if given.charts:
-        print(to_json(other_charts(given.charts, given.every)))
+        print(to_json(other_charts(given.charts, given.every, given.bends)))
+        return
+    if given.edge:
+        print(to_json(cut_at_the_edge(given.edge, given.every)))
         return
     result = study(given.bands, given.fields, given.every, given.processes, given.tolerance, say)
     print(to_json(result) if given.json else text(result))

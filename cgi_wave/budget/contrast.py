@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from cgi_wave.budget.pointfields import CONTRAST_TOLERANCE, SHARE, GhostField, fine_field, fine_rays
+from cgi_wave.budget.pointfields import CONTRAST_TOLERANCE, FINE_RAYS, SHARE, GhostField, fine_field, fine_rays
 from cgi_wave.errors import CgiWaveError, MethodLimitError
 from cgi_wave.optics.system import OpticalSystem
 from cgi_wave.rays.charts import rays_from_points
@@ -77,11 +77,10 @@ def contrast_of(
     Raises EmptyBeamError, FoldedFieldError, MethodLimitError: what either way refused.
     """
 
-    def field(count: int | None = None) -> GhostField:
-        rays = fine_rays(system, path, theta, x0, *([count] if count else []))
-        return fine_field(system, path, theta, x0, rays, tolerance)
+    def field(count: int) -> GhostField:
+        return fine_field(system, path, theta, x0, fine_rays(system, path, theta, x0, count), tolerance)
 
-    found = over_directions(field, nominal, tolerance)
+    found = over_directions(partial(field, FINE_RAYS), nominal, tolerance)
     if found.nearly(tolerance):
         found = better(found, over_directions(partial(field, FINER_RAYS), nominal, tolerance))
     if found.contrast is not None and found.within(tolerance):
